@@ -1,0 +1,175 @@
+"""`iolspi demo`: the whole way, from shipped demonstrations to a vehicle that does the task."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from iolspi_ros.cli import app
+from iolspi_ros.cli.progress import bar, console
+from iolspi_ros.errors import InputError, check_range
+
+SHOWN = 21
+"""Episodes flown at the end without learning: one from each hanging start."""
+
+
+@app.command(epilog="Example: iolspi demo --set 2 --seconds 60 --out out/set2")
+def demo(
+    task: Annotated[str, typer.Option(help="The task to learn.")] = "pendulum",
+    demonstration: Annotated[
+        int, typer.Option("--set", help="Shipped demonstration set, 1 to 5 (T Table 1).")
+    ] = 5,
+    seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
+    seed: Annotated[int, typer.Option(help="Of the simulator and the learner.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for everything that is left.")] = Path(
+        "out/demo"
+    ),
+) -> None:
+    """Learn a task on a real ROS 2 graph, and report how it went.
+
+    Starts a simulator, a demonstrator that replays a shipped bag, and a learner, each in a
+    process of its own. Leaves report.html, summary.json, a bag of the run and a checkpoint.
+    """
+    from iolspi_ros import graph, resources
+    from sim_nodes.tasks import make_task
+
+    check_range("--seconds", seconds, 1.5, 1e5)
+    config = resources.find("config", f"{_known(task)}.yaml")
+    bag = resources.find("demos", task, f"set_{demonstration}")
+    vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
+    episodes = max(1, round(seconds / (vehicle.dt * vehicle.episode_steps)))
+    out = _fresh(out)
+    domain = graph.isolate()
+    console.print(
+        f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
+        f"{episodes} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
+    )
+    start = time.monotonic()
+    with graph.Graph(out) as nodes:
+        common = {"seed": seed}
+        nodes.start("simulator", common | {"episodes": episodes}, config)
+        nodes.start(
+            "learner", common | {"checkpoint": str(out.resolve() / "checkpoint.npz")}, config
+        )
+        nodes.start("demonstrator", {"bags": [str(bag)], "source": "bag"}, config)
+        history, extra = _watch(nodes, vehicle, out, episodes, bag)
+    _report(out, vehicle, config, history, start, extra, demonstration)
+
+
+def _known(task: str) -> str:
+    from sim_nodes.tasks import task_class
+
+    task_class(task)
+    return task
+
+
+def _fresh(out: Path) -> Path:
+    """An empty folder; what an earlier demo left there goes."""
+    if out.is_dir() and any(out.iterdir()) and not (out / "simulator.log").is_file():
+        raise InputError(f"--out {out} holds other files; allowed: a new folder, or a demo's")
+    try:
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
+        ) from error
+    return out
+
+
+def _watch(
+    nodes: Any, vehicle: Any, out: Path, episodes: int, bag: Path
+) -> tuple[Any, dict[str, Any]]:
+    """Follow the graph through its four parts."""
+    from rclpy.utilities import get_rmw_implementation_identifier
+
+    from iolspi_ros.bags import BagWriter, read_card
+    from iolspi_ros.nodes.monitor import watching
+
+    with BagWriter(out / "bag") as recording, watching(vehicle, recording) as monitor:
+
+        def follow(what: str, total: int, done: Callable[[], int], seconds: float) -> None:
+            with bar(what, total) as show:
+
+                def ready() -> bool:
+                    nodes.check()
+                    show(done())
+                    return done() >= total
+
+                monitor.wait(ready, seconds, what)
+
+        samples = int(read_card(bag).get("samples", 1))
+        follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
+        follow("learning offline", 1, lambda: monitor.updates, 120.0)
+        begin = time.monotonic()
+        online = 60.0 + episodes
+        follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
+        pace = sum(map(len, monitor.episodes)) / (time.monotonic() - begin)
+        monitor.switch("/learner/learn", on=False)
+        monitor.trigger("/learner/save")
+        monitor.set_parameters("simulator", order="sweep", episodes=SHOWN)
+        monitor.trigger("/simulator/reset")
+        follow("showing [episodes]", SHOWN, lambda: len(monitor.scores) - episodes, 60.0)
+        total = episodes + SHOWN
+        monitor.wait(lambda: len(monitor.episodes) >= total, 10.0, "the last episode")
+        return monitor.history(episodes), {
+            "lockstep_steps_per_second": round(pace, 1),
+            "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+            "rmw": get_rmw_implementation_identifier(),
+        }
+
+
+def _report(
+    out: Path,
+    vehicle: Any,
+    config: Path,
+    history: Any,
+    start: float,
+    extra: dict[str, Any],
+    demonstration: int,
+) -> None:
+    """Compute what needs no graph, and write the pages."""
+    import numpy as np
+
+    from iolspi_ros import resources
+    from iolspi_ros.core.online import LearnerSettings
+    from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy
+    from iolspi_ros.report import run as report
+    from iolspi_ros.settings import from_mapping
+
+    with console.status("computing the near-optimal policy and drawing …"):
+        values = resources.parameters(config, "learner")
+        features = from_mapping(LearnerSettings, values, str(config)).features()
+        policy = near_optimal_policy(vehicle)
+        best = evaluate(vehicle, policy)
+        summary = report.summarise(vehicle, features, history, best)
+        shown = np.stack([np.array(states) for states in history.shown], axis=1)
+        summary |= {
+            "demonstration_set": demonstration,
+            "shown_upright_fraction": float(vehicle.succeeded(shown).mean()),
+            "wall_seconds": round(time.monotonic() - start, 1),
+        }
+        summary |= extra
+        lead = (
+            f"Demonstration set {demonstration} was replayed on a ROS 2 graph, offline LSPI learned "
+            "from it, and online LSPI went on from there. The set was flown by a scripted pilot, "
+            "not by a person."
+        )
+        title = f"Learning the {vehicle.name} from demonstrations"
+        page = report.write_report(
+            out, title, lead, vehicle, features, history, best, policy, summary
+        )
+        report.write_summary(out / "summary.json", summary)
+    console.print(
+        f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy costs "
+        f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] times the near-optimal one;\n"
+        f"{summary['shown_upright_fraction']:.0%} of the {len(history.shown)} episodes shown on "
+        f"the graph ended upright. That took {summary['wall_seconds']:.0f} s.\n"
+        f"Look at [bold]{page}[/bold]"
+    )

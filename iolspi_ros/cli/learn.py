@@ -1,0 +1,125 @@
+"""`iolspi learn`: the same core without a graph, as fast as the machine goes."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from iolspi_ros.cli import app
+from iolspi_ros.cli.progress import bar, console
+from iolspi_ros.errors import InputError, check_range
+
+
+@app.command(
+    epilog="Example: iolspi learn --task pendulum --demos demos/pendulum/set_5 --out out/learn"
+)
+def learn(
+    task: Annotated[str, typer.Option(help="The task to learn.")] = "pendulum",
+    demos: Annotated[
+        list[Path] | None,
+        typer.Option(help="Bag to learn from first; give it again for more bags."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
+    seed: Annotated[int, typer.Option(help="Of the vehicle and the learner.")] = 0,
+    config: Annotated[
+        Path | None, typer.Option(help="Parameter file; config/TASK.yaml by default.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the policy and the report.")] = Path(
+        "out/learn"
+    ),
+) -> None:
+    """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
+    import numpy as np
+
+    from iolspi_ros import resources
+    from iolspi_ros.core import checkpoint
+    from iolspi_ros.core.online import LearnerSettings, OnlineLSPI
+    from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy
+    from iolspi_ros.experiments.headless import remember, train
+    from iolspi_ros.experiments.history import History
+    from iolspi_ros.report import run as report
+    from iolspi_ros.settings import from_mapping
+    from sim_nodes.tasks import make_task, task_class
+    from sim_nodes.world import World, WorldSettings
+
+    task_class(task)
+    check_range("--seconds", seconds, 0.0, 1e6)
+    file = config or resources.find("config", f"{task}.yaml")
+    simulated = resources.parameters(file, "simulator")
+    vehicle = make_task(task, simulated, str(file))
+    settings = from_mapping(LearnerSettings, resources.parameters(file, "learner"), str(file))
+    noise = from_mapping(WorldSettings, simulated, str(file))
+    world = World(vehicle, noise, np.random.default_rng([seed, 0]))
+    learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
+        ) from error
+    start = time.monotonic()
+    history = History(vehicle.dt)
+    if demos:
+        _inform(learner, history, vehicle, demos)
+    episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
+    try:
+        with bar("learning online [episodes]", episodes) as show:
+            train(world, learner, episodes, remember(history, learner, show))
+    except KeyboardInterrupt:
+        console.print("interrupted; what was learned so far is kept")
+    checkpoint.save(out / "checkpoint.npz", learner, task)
+    with console.status("computing the near-optimal policy and drawing …"):
+        policy = near_optimal_policy(vehicle)
+        best = evaluate(vehicle, policy)
+        if not history.policies:
+            raise InputError(
+                f"--seconds {seconds:g} is less than one update and there are no --demos: "
+                f"nothing was learned; allowed: at least "
+                f"{settings.update_interval * settings.sampling_time:g}"
+            )
+        summary = report.summarise(vehicle, learner.features, history, best)
+        summary["wall_seconds"] = round(time.monotonic() - start, 2)
+        lead = "Learned without a graph, by the same core that the learner node runs."
+        title = f"Learning the {task}"
+        page = report.write_report(
+            out, title, lead, vehicle, learner.features, history, best, policy, summary
+        )
+        report.write_summary(out / "summary.json", summary)
+    console.print(
+        f"Cost {summary['ratio_to_near_optimal']:.3f} times the near-optimal one, "
+        f"{summary['upright_fraction']:.0%} of the starts end upright. Look at [bold]{page}[/bold]"
+    )
+
+
+def _inform(learner: object, history: object, vehicle: object, demos: list[Path]) -> None:
+    """Offline LSPI on every bag together."""
+    from iolspi_ros.bags import numbered_through, read_demonstration
+    from iolspi_ros.core.online import OnlineLSPI
+    from iolspi_ros.core.samples import Transitions
+    from iolspi_ros.experiments.history import History, Policy
+    from sim_nodes.tasks.pendulum import Pendulum
+
+    assert isinstance(learner, OnlineLSPI)
+    assert isinstance(history, History)
+    assert isinstance(vehicle, Pendulum)
+    found = [read_demonstration(path, vehicle.name, vehicle.joints) for path in demos]
+    for demonstration in found:
+        for note in demonstration.notes:
+            console.print(f"{demonstration.path}: {note}; the rest is used")
+    samples = numbered_through(found)
+    transitions = Transitions.of([s.transition for s in samples], len(vehicle.low))
+    with bar("learning offline", learner.settings.max_iterations) as show:
+
+        def proceed(iteration: int, change: float) -> bool:
+            show(iteration)
+            return True
+
+        result = learner.inform(transitions, proceed)
+        show(learner.settings.max_iterations)
+    console.print(result.describe())
+    history.demonstrated = transitions.state
+    history.offline = result.describe()
+    history.policies.append(Policy.of(0, 0.0, learner.weights, result.solve, accepted=True))

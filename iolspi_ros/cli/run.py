@@ -1,0 +1,29 @@
+"""`iolspi run`: start one node, as `ros2 run` does where there is a ROS installation."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Annotated
+
+import typer
+
+from iolspi_ros.cli import app
+from iolspi_ros.errors import InputError
+from iolspi_ros.graph import NODES
+
+
+@app.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    epilog="Example: iolspi run simulator --ros-args --params-file config/pendulum.yaml",
+)
+def run(
+    context: typer.Context,
+    node: Annotated[str, typer.Argument(help=f"One of: {', '.join(NODES)}.")],
+) -> None:
+    """Start one node; what follows goes to it (`--ros-args …`)."""
+    if node not in NODES:
+        raise InputError(f"node is {node!r}; allowed: {', '.join(NODES)}")
+    import sys
+
+    sys.argv = [node, *context.args]
+    raise SystemExit(importlib.import_module(NODES[node]).main())

@@ -1,0 +1,1 @@
+"""The algorithm: features, moments, least-squares policy iteration. No ROS here."""

@@ -1,0 +1,115 @@
+"""A learner on disk: written whole or not at all, and gone on with bit by bit the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from iolspi_ros.core.online import OnlineLSPI
+from iolspi_ros.core.samples import Transitions
+from iolspi_ros.errors import InputError
+
+FORMAT = 1
+_ARRAYS = ("weights", "gram", "cross", "reward")
+_NUMBERS = ("n_samples", "weight", "step", "updates", "dropped", "rng")
+_SHAPING = ("n_actions", "low", "high", "centers", "normalisation", "width")
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[IO[bytes]]:
+    """Write beside `path` and put it in place only when all of it is on disk."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with partial.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def save(path: Path, learner: OnlineLSPI, task: str) -> None:
+    """Write Γ, Λ, z, weights, counters and the random state.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    state = learner.state()
+    batch = {f"batch_{f.name}": getattr(state["batch"], f.name) for f in fields(Transitions)}
+    about = {
+        "format": FORMAT,
+        "task": task,
+        "settings": asdict(learner.settings),
+        **{name: state[name] for name in _NUMBERS},
+    }
+    arrays = {name: state[name] for name in _ARRAYS} | batch
+    try:
+        with atomic_file(path) as file:
+            np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+    except OSError as error:
+        raise InputError(
+            f"checkpoint {path} cannot be written: {error.strerror}; "
+            "allowed: a folder with room that you may write to"
+        ) from error
+
+
+def load(path: Path, learner: OnlineLSPI, task: str) -> None:
+    """Make `learner` go on from a checkpoint.
+
+    The settings of the learner stay; those that shape the weights must be the checkpoint's.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged, of another task or of another grid.
+    """
+    about, arrays = _read(path)
+    if about["task"] != task:
+        raise InputError(
+            f"checkpoint {path} is of task {about['task']!r}; allowed: {task!r}, this learner's"
+        )
+    mine = json.loads(json.dumps(asdict(learner.settings)))
+    for name in _SHAPING:
+        if about["settings"].get(name) != mine[name]:
+            raise InputError(
+                f"checkpoint {path} has {name} {about['settings'].get(name)}; "
+                f"allowed: {mine[name]}, this learner's"
+            )
+    batch = Transitions(*(arrays[f"batch_{f.name}"] for f in fields(Transitions)))
+    learner.restore(
+        {name: arrays[name] for name in _ARRAYS}
+        | {name: about[name] for name in _NUMBERS}
+        | {"batch": batch}
+    )
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        about = json.loads(str(arrays.pop("about")))
+        complete = set(_ARRAYS) <= set(arrays) and set(_NUMBERS) <= set(about)
+    except FileNotFoundError:
+        raise InputError(
+            f"checkpoint {path} does not exist; allowed: a file that a learner saved"
+        ) from None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        complete = False
+    if not complete or about.get("format") != FORMAT:
+        raise InputError(
+            f"checkpoint {path} is damaged or of another format; "
+            f"allowed: a file that a learner saved (format {FORMAT})"
+        )
+    return about, arrays

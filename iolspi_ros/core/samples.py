@@ -1,0 +1,163 @@
+"""Transitions as arrays; an end of the task and a cut of the clock kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Transition(NamedTuple):
+    """One step of one episode.
+
+    Attributes
+    ----------
+    state, next_state : ndarray of shape (n_dims,)
+        s_k and s_{k+1}, SI units and radians.
+    action : int
+        Index of a_k in the task's list of actions.
+    reward : float
+        r_{k+1} (T Eq. 3).
+    terminated : bool
+        The task ended in `next_state`: nothing follows, its value is zero.
+    truncated : bool
+        The episode was cut there by the clock: its value goes on.
+    """
+
+    state: Array
+    action: int
+    reward: float
+    next_state: Array
+    terminated: bool = False
+    truncated: bool = False
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """A batch of transitions, in the order in which they happened.
+
+    Parameters
+    ----------
+    state, next_state : ndarray of shape (n_samples, n_dims)
+    action : ndarray of int, shape (n_samples,)
+    reward : ndarray of shape (n_samples,)
+    terminated, truncated : ndarray of bool, shape (n_samples,)
+    """
+
+    state: Array
+    action: NDArray[np.int64]
+    reward: Array
+    next_state: Array
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        if self.state.ndim != 2 or self.state.shape != self.next_state.shape:
+            raise InputError(
+                f"state has shape {self.state.shape} and next_state {self.next_state.shape}; "
+                "allowed: the same (n_samples, n_dims)"
+            )
+        for name in ("action", "reward", "terminated", "truncated"):
+            shape = getattr(self, name).shape
+            if shape != (len(self),):
+                raise InputError(f"{name} has shape {shape}; allowed: ({len(self)},)")
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Transitions:
+        return Transitions(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def __iter__(self) -> Iterator[Transition]:
+        for k in range(len(self)):
+            yield Transition(
+                self.state[k],
+                int(self.action[k]),
+                float(self.reward[k]),
+                self.next_state[k],
+                bool(self.terminated[k]),
+                bool(self.truncated[k]),
+            )
+
+    @classmethod
+    def of(cls, transitions: Iterable[Transition], n_dims: int) -> Transitions:
+        """Stack single transitions; `n_dims` gives the width when there are none."""
+        rows = list(transitions)
+        return cls(
+            np.array([t.state for t in rows], float).reshape(-1, n_dims),
+            np.array([t.action for t in rows], np.int64),
+            np.array([t.reward for t in rows], float),
+            np.array([t.next_state for t in rows], float).reshape(-1, n_dims),
+            np.array([t.terminated for t in rows], bool),
+            np.array([t.truncated for t in rows], bool),
+        )
+
+    def usable(self, n_actions: int) -> NDArray[np.bool_]:
+        """Rows whose numbers are finite and whose action exists, shape (n_samples,)."""
+        return (
+            np.isfinite(self.state).all(axis=1)
+            & np.isfinite(self.next_state).all(axis=1)
+            & np.isfinite(self.reward)
+            & (self.action >= 0)
+            & (self.action < n_actions)
+        )
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a vehicle shows of itself after a step.
+
+    Attributes
+    ----------
+    episode, step : int
+        The key: which state of which episode this is.
+    state : ndarray of shape (n_dims,)
+        Measured: with the sensor's noise.
+    reward : float
+        For the step that led here; 0 at the first state of an episode.
+    action : int
+        Index of the action that led here; -1 at the first state of an episode.
+    terminated, truncated : bool
+    """
+
+    episode: int
+    step: int
+    state: Array
+    reward: float = 0.0
+    action: int = -1
+    terminated: bool = False
+    truncated: bool = False
+
+    @property
+    def last(self) -> bool:
+        """Whether the episode ends here."""
+        return self.terminated or self.truncated
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A demonstrated transition with where it belongs and who flew it.
+
+    Attributes
+    ----------
+    episode, step : int
+        Key of the state that it left.
+    stamp : int
+        Vehicle time of that state [ns].
+    transition : Transition
+    source : int
+        Who chose the action, as numbered by `online.Source`; -1 when nobody says.
+    """
+
+    episode: int
+    step: int
+    stamp: int
+    transition: Transition
+    source: int

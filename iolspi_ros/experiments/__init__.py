@@ -1,0 +1,1 @@
+"""Runs without a graph: training, evaluation, and what both leave for plots."""

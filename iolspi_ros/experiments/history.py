@@ -1,0 +1,77 @@
+"""What happened in a run, from a graph or without one, for whoever reports on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.core.lspi import Solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """The weights after one update.
+
+    Attributes
+    ----------
+    number : int
+        Of the update; 0 for offline LSPI.
+    time : float
+        Vehicle time at which they came into use [s].
+    weights : ndarray of shape (n_actions, size)
+    condition : float
+        Of the solve.
+    accepted : bool
+        Whether the solve's weights were taken.
+    """
+
+    number: int
+    time: float
+    weights: Array
+    condition: float
+    accepted: bool
+
+    @classmethod
+    def of(cls, number: int, time: float, weights: Array, solve: Solve, accepted: bool) -> Policy:
+        """Weights and the health of the solve that they are from."""
+        return cls(number, time, weights, solve.condition, accepted)
+
+
+@dataclass
+class History:
+    """A run of demonstration, offline and online learning.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling time [s].
+    demonstrated : list of ndarray, each of shape (n_dims,)
+        States of the samples that were demonstrated.
+    episodes : list of list of ndarray
+        States of each episode flown while learning.
+    scores : list of float
+        Sum of rewards of each of them (T: learning score).
+    policies : list of Policy
+    shown : list of list of ndarray
+        States of the episodes flown at the end, greedily and without learning.
+    offline : str
+        How offline LSPI stopped.
+    """
+
+    dt: float
+    demonstrated: Sequence[Array] = field(default_factory=list)
+    episodes: list[list[Array]] = field(default_factory=list)
+    scores: list[float] = field(default_factory=list)
+    policies: list[Policy] = field(default_factory=list)
+    shown: list[list[Array]] = field(default_factory=list)
+    offline: str = ""
+
+    @property
+    def vehicle_time(self) -> float:
+        """Time that the vehicle moved while learning online [s]."""
+        return self.dt * sum(max(len(episode) - 1, 0) for episode in self.episodes)

@@ -1,0 +1,126 @@
+"""Nodes as processes of one graph: started together, and none left behind."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import yaml
+
+from iolspi_ros.errors import InputError
+
+NODES = {
+    "simulator": "sim_nodes.simulator",
+    "demonstrator": "iolspi_ros.nodes.demonstrator",
+    "learner": "iolspi_ros.nodes.learner",
+}
+PATIENCE = 5.0
+"""Seconds that a node has to end by itself; ours need less than two."""
+
+
+def isolate() -> int:
+    """Keep this process and its children to this machine and to a domain of their own.
+
+    What the user has set stays. Call before rclpy starts.
+
+    Returns
+    -------
+    int
+        The ROS domain, for whoever wants to look on.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(random.SystemRandom().randint(1, 100)))
+    os.environ.setdefault("HOME", "/tmp")  # rcl writes its logs there
+    return int(os.environ["ROS_DOMAIN_ID"])
+
+
+def _end_with_parent() -> None:
+    """Ask Linux to interrupt this process when its parent is gone, killed or not."""
+    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
+
+
+class Graph:
+    """Some nodes, each in a process of its own.
+
+    Parameters
+    ----------
+    folder : Path
+        Where each node's output goes, as NAME.log.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> Graph:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def start(self, node: str, parameters: Mapping[str, Any], file: Path | None = None) -> None:
+        """Start a node with a parameter file and parameters that go before it."""
+        arguments = ["--ros-args"]
+        if file is not None:
+            arguments += ["--params-file", str(file)]
+        for name, value in parameters.items():
+            text = yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
+            arguments += ["-p", f"{name}:={text}"]
+        with (self._folder / f"{node}.log").open("wb") as log:
+            # A session of its own: a Ctrl-C reaches us alone, and we end the nodes in order.
+            self._processes[node] = subprocess.Popen(
+                [sys.executable, "-m", NODES[node], *arguments],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                preexec_fn=_end_with_parent,
+            )  # fmt: skip
+
+    def check(self) -> None:
+        """Raise when a node has ended by itself.
+
+        Raises
+        ------
+        InputError
+            With the last thing that it said.
+        """
+        for node, process in self._processes.items():
+            if process.poll() is not None:
+                log = self._folder / f"{node}.log"
+                lines = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+                raise InputError(f"{node} ended (status {process.returncode}): {lines[-1]}")
+
+    def stop(self, nodes: Sequence[str] = ()) -> dict[str, int]:
+        """End nodes, all by default; kill what does not listen.
+
+        Returns
+        -------
+        dict
+            Exit status of each.
+        """
+        ending = {n: p for n, p in self._processes.items() if not nodes or n in nodes}
+        for process in ending.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + PATIENCE
+        for process in ending.values():
+            try:
+                process.wait(max(deadline - time.monotonic(), 0.01))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        for node in ending:
+            del self._processes[node]
+        return {node: process.returncode for node, process in ending.items()}

@@ -1,0 +1,1 @@
+"""The nodes of the graph. They pair messages, call the core and publish."""

@@ -1,0 +1,129 @@
+"""The demonstrator node: a joystick, a scripted pilot or a bag becomes samples."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+from iolspi_ros import __version__, bags, parameters, qos, wire
+from iolspi_ros.core.samples import Sample
+from iolspi_ros.nodes import runtime
+from iolspi_ros.nodes.flight import Flight, FlightSettings
+from iolspi_ros.nodes.player import Player, PlayerSettings
+from iolspi_ros.nodes.stick import StickSettings
+from iolspi_ros.settings import Settings, setting
+from sim_nodes.pilots import PilotSettings
+from sim_nodes.tasks import task_class
+
+PILOTS = {
+    "scripted": "the scripted pilot of iolspi_ros; no person flew this",
+    "joy": "a person with a joystick",
+    "bag": "a replay of ",
+}
+
+
+@dataclass(frozen=True)
+class DemonstratorSettings(Settings):
+    """Who demonstrates, and where it is recorded."""
+
+    task: str = setting("pendulum", "the task that is demonstrated")
+    source: str = setting(
+        "bag", "a bag, a joystick or the scripted pilot", choices=("bag", "joy", "scripted")
+    )
+    record: str = setting("", "bag to record to; empty for none")
+
+
+class Demonstrator(Node):
+    """Publishes `sample` and `demonstration`; flying, takes `state`, `reward`, gives `action`."""
+
+    def __init__(self) -> None:
+        super().__init__("demonstrator")
+        self.settings = parameters.declare(self, DemonstratorSettings)
+        flight = parameters.declare(self, FlightSettings, ("corruption",))
+        pilot = parameters.declare(self, PilotSettings)
+        stick = parameters.declare(self, StickSettings)
+        player = parameters.declare(self, PlayerSettings)
+        parameters.check_changes(self, FlightSettings)
+        parameters.warn_unknown(self)
+        self.task = task_class(self.settings.task)()
+        self._rows = wire.SampleRows(self.task.joints)
+        self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
+        self._sample_out = self.create_publisher(Float64MultiArray, "sample", qos.SAMPLES)
+        self._demonstration_out = self.create_publisher(
+            Float64MultiArray, "demonstration", qos.LATCHED
+        )
+        self._sent = 0
+        self._last = (0, 0, 0)  # episode, step and stamp of the last sample
+        self._bag: bags.BagWriter | None = None
+        if self.settings.source == "bag":
+            self._origin = PILOTS["bag"] + ", ".join(player.bags)
+            self._player = Player(self, player)
+        else:
+            self._origin = PILOTS[self.settings.source]
+            self._flight = Flight(self, flight, pilot, stick)
+
+    def begin(self) -> None:
+        """Start recording, if that is wanted, and say that a demonstration begins."""
+        if self.settings.record:
+            self._bag = bags.BagWriter(Path(self.settings.record).expanduser())
+        self._announce(active=True)
+
+    def end(self) -> None:
+        """Say that the demonstration has ended, and close the bag."""
+        self._announce(active=False)
+        self.get_logger().info(f"demonstration ended: {self._sent} samples")
+        self.close()
+
+    def send(self, sample: Sample) -> None:
+        """Publish one transition, and record it."""
+        message = self._rows.of(sample)
+        self._sample_out.publish(message)
+        self.record("sample", sample.stamp, message)
+        self._sent += 1
+        self._last = (sample.episode, sample.step, sample.stamp)
+
+    def record(self, topic: str, stamp: int, message: Any) -> None:
+        """Write a message to the bag, if one is being recorded."""
+        if self._bag is not None:
+            self._bag.write(topic, wire.type_name(message), stamp, serialize_message(message))
+
+    def listeners(self) -> int:
+        """How many nodes take samples."""
+        return self._sample_out.get_subscription_count()
+
+    def close(self) -> None:
+        """Close the bag and write its card."""
+        if self._bag is None:
+            return
+        bag, self._bag = self._bag, None
+        bag.close()
+        bags.write_card(bag.path, self._card())
+
+    def _announce(self, *, active: bool) -> None:
+        episode, step, stamp = self._last
+        values = (episode, step, *wire.split(stamp), active, self._sent)
+        self._demonstration_out.publish(self._announcements.message(*values))
+
+    def _card(self) -> dict[str, Any]:
+        card: dict[str, Any] = {"pilot": self._origin, "task": self.settings.task}
+        if self.settings.source == "scripted":
+            card["mode"] = str(self.get_parameter("mode").value)
+        if self.settings.source != "bag":
+            card["corruption"] = float(self.get_parameter("corruption").value)
+            card["seed"] = int(self.get_parameter("seed").value)
+        return card | {"samples": self._sent, "version": __version__}
+
+
+def main() -> int:
+    """Run the demonstrator."""
+    return runtime.main(Demonstrator, "demonstrator", sys.argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,215 @@
+"""Watches a graph from outside: records it, and keeps what a report needs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from iolspi_ros import wire
+from iolspi_ros.bags import BagWriter
+from iolspi_ros.core.samples import Array, Observation
+from iolspi_ros.errors import InputError
+from iolspi_ros.experiments.history import History, Policy
+from iolspi_ros.nodes import runtime
+from iolspi_ros.pairing import Pairer
+from sim_nodes.tasks.base import Task
+
+_LISTENING = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Monitor(Node):
+    """Records state, reward, action, sample, score, update and weights.
+
+    Parameters
+    ----------
+    task : Task
+    bag : BagWriter, optional
+        Where to record; nowhere by default.
+    """
+
+    def __init__(self, task: Task, bag: BagWriter | None = None) -> None:
+        super().__init__("monitor")
+        self.demonstrated: list[Array] = []
+        self.episodes: list[list[Array]] = []
+        self.scores: list[float] = []
+        self._dt = task.dt
+        self._bag = bag
+        self._stamp = 0
+        self._newest = (-1, -1)
+        self._states: list[Array] = []
+        self._weights: dict[int, Array] = {}
+        self._updates: dict[int, tuple[float, float, float]] = {}
+        self._pairer = Pairer(task.joints)
+        self._samples = wire.SampleRows(task.joints)
+        self._scores = wire.Rows("score", wire.SCORE)
+        self._update_rows = wire.Rows("update", wire.UPDATE)
+        self._executor = runtime.executor()
+        self._executor.add_node(self)
+        self._listen("state", JointState, self._on_state)
+        self._listen("reward", Float64MultiArray, self._on_reward)
+        self._listen("action", Float64MultiArray, lambda message: None)
+        self._listen("sample", Float64MultiArray, self._on_sample)
+        self._listen("score", Float64MultiArray, self._on_score)
+        self._listen("update", Float64MultiArray, self._on_update)
+        self._listen("weights", Float64MultiArray, self._on_weights)
+
+    def wait(self, ready: Callable[[], bool], deadline: float, what: str) -> None:
+        """Handle events until `ready`.
+
+        Parameters
+        ----------
+        ready : callable
+        deadline : float
+            Seconds to wait at most.
+        what : str
+            What is waited for, for the message.
+
+        Raises
+        ------
+        InputError
+            At the deadline.
+        """
+        end = time.monotonic() + deadline
+        while not ready():
+            if time.monotonic() > end:
+                raise InputError(f"{what} did not happen within {deadline:g} s")
+            pause = time.monotonic() + 0.05  # asking at every message would slow the graph
+            while time.monotonic() < pause:
+                self._executor.spin_once(timeout_sec=0.05)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Call a service and wait for its answer.
+
+        Raises
+        ------
+        InputError
+            When nobody answers, or the answer is that it failed.
+        """
+        client = self.create_client(kind, service)
+        self.wait(client.service_is_ready, 10.0, f"service {service}")
+        future = client.call_async(request)
+        self.wait(future.done, 20.0, f"an answer of {service}")
+        answer = future.result()
+        if hasattr(answer, "success") and not answer.success:
+            raise InputError(f"{service}: {answer.message}")
+        return answer
+
+    def set_parameters(self, node: str, **values: Any) -> None:
+        """Set parameters of another node.
+
+        Raises
+        ------
+        InputError
+            When the node refuses one.
+        """
+        request = SetParameters.Request()
+        request.parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        for result in self.call(SetParameters, f"/{node}/set_parameters", request).results:
+            if not result.successful:
+                raise InputError(f"/{node}: {result.reason}")
+
+    def switch(self, service: str, on: bool) -> None:
+        """Call a std_srvs/SetBool service."""
+        self.call(SetBool, service, SetBool.Request(data=on))
+
+    def trigger(self, service: str) -> None:
+        """Call a std_srvs/Trigger service."""
+        self.call(Trigger, service, Trigger.Request())
+
+    def history(self, learned: int) -> History:
+        """What was seen; episodes after the first `learned` are those shown at the end."""
+        first = self._updates.get(0, self._updates.get(1, (0.0, 0.0, 0.0)))
+        policies = [
+            Policy(
+                number=number,
+                time=(samples - first[2]) * self._dt,
+                weights=self._weights[number],
+                condition=condition,
+                accepted=bool(accepted),
+            )
+            for number, (accepted, condition, samples) in sorted(self._updates.items())
+            if number in self._weights
+        ]
+        return History(
+            dt=self._dt,
+            demonstrated=self.demonstrated,
+            episodes=self.episodes[:learned],
+            scores=self.scores[:learned],
+            policies=policies,
+            shown=self.episodes[learned:],
+        )
+
+    def _listen(self, topic: str, kind: Any, handle: Callable[[Any], None]) -> None:
+        name = wire.type_name(kind())
+
+        def receive(data: bytes) -> None:
+            message = deserialize_message(data, kind)
+            handle(message)
+            if self._bag is not None:
+                self._bag.write(topic, name, self._stamp, data)
+
+        self.create_subscription(kind, topic, receive, _LISTENING, raw=True)
+
+    def _on_state(self, message: Any) -> None:
+        self._note(self._pairer.state(message))
+
+    def _on_reward(self, message: Any) -> None:
+        self._note(self._pairer.reward(message))
+
+    def _note(self, observation: Observation | None) -> None:
+        if observation is None:
+            return
+        key = (observation.episode, observation.step)
+        self._stamp = max(self._stamp, self._pairer.stamps[key])
+        if key <= self._newest:
+            return  # repeated
+        self._newest = key
+        if observation.step == 0:
+            self._states = []
+        self._states.append(observation.state)
+        if observation.last:
+            self.episodes.append(self._states)
+
+    def _on_sample(self, message: Any) -> None:
+        self.demonstrated.append(self._samples.sample(message).transition.state)
+
+    def _on_score(self, message: Any) -> None:
+        self.scores.append(self._scores.read(message)[4])
+
+    def _on_update(self, message: Any) -> None:
+        row = dict(zip(wire.UPDATE, self._update_rows.read(message), strict=True))
+        self._updates[int(row["number"])] = (row["accepted"], row["condition"], row["samples"])
+
+    def _on_weights(self, message: Any) -> None:
+        weights, number = wire.read_weights(message)
+        self._weights[number] = weights
+
+    @property
+    def updates(self) -> int:
+        """How many updates were reported, offline LSPI among them."""
+        return len(self._updates)
+
+
+@contextmanager
+def watching(task: Task, bag: BagWriter | None = None) -> Iterator[Monitor]:
+    """A monitor in this process; Ctrl-C stays with the caller."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        monitor = Monitor(task, bag)
+        yield monitor
+        monitor.destroy_node()
+    finally:
+        rclpy.try_shutdown()

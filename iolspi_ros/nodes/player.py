@@ -1,0 +1,106 @@
+"""Replays bags as samples, as they were recorded or as fast as it goes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from iolspi_ros import wire
+from iolspi_ros.bags import numbered_through, read_demonstration
+from iolspi_ros.core.samples import Sample
+from iolspi_ros.errors import InputError
+from iolspi_ros.nodes import runtime
+from iolspi_ros.settings import Settings, setting
+
+if TYPE_CHECKING:
+    from iolspi_ros.nodes.demonstrator import Demonstrator
+
+SLICE = 500
+"""Samples sent in one go, so that signals and services are heard in between."""
+
+
+@dataclass(frozen=True)
+class PlayerSettings(Settings):
+    """What is replayed, and how fast."""
+
+    bags: tuple[str, ...] = setting(("",), "bags to replay, one after the other")
+    rate: float = setting(
+        0.0, "replay at so many times the recorded speed; 0.0 for as fast as it goes",
+        low=0.0, high=1e6,
+    )  # fmt: skip
+    learner_timeout: float = setting(
+        10.0, "replay: give up when nobody listens for this long [s]; 0.0 for never",
+        low=0.0, high=1e6,
+    )  # fmt: skip
+
+
+class Player:
+    """Waits for a listener, then sends every sample of the bags.
+
+    Parameters
+    ----------
+    node : Demonstrator
+    settings : PlayerSettings
+
+    Raises
+    ------
+    InputError
+        When a bag cannot be used.
+    """
+
+    def __init__(self, node: Demonstrator, settings: PlayerSettings) -> None:
+        self._node, self._settings = node, settings
+        self._samples = _read(node, settings)
+        self._next = 0
+        self._start = time.monotonic()
+        self._timer = runtime.wall_timer(node, 0.02, self._play)
+
+    def _play(self) -> None:
+        if self._next == 0:
+            if not self._node.listeners():
+                self._check_patience()
+                return
+            self._node.begin()
+            self._start = time.monotonic()
+        until = min(self._next + SLICE, len(self._samples))
+        while self._next < until and self._due(self._samples[self._next]):
+            self._node.send(self._samples[self._next])
+            self._next += 1
+        if self._next == len(self._samples):
+            self._timer.cancel()
+            self._node.end()
+
+    def _check_patience(self) -> None:
+        timeout = self._settings.learner_timeout
+        if timeout and time.monotonic() - self._start > timeout:
+            raise InputError(
+                f"nobody listens on {self._node.resolve_topic_name('sample')} after {timeout:g} s; "
+                "start a learner in the same ROS_DOMAIN_ID, or set the parameter learner_timeout "
+                "to 0.0 to wait for ever"
+            )
+
+    def _due(self, sample: Sample) -> bool:
+        if self._settings.rate == 0.0:
+            return True
+        recorded = (sample.stamp - self._samples[0].stamp) / wire.NANOSECONDS
+        return (time.monotonic() - self._start) * self._settings.rate >= recorded
+
+
+def _read(node: Demonstrator, settings: PlayerSettings) -> list[Sample]:
+    paths = [Path(path).expanduser() for path in settings.bags if path]
+    if not paths:
+        raise InputError("parameter bags is empty; allowed: paths of rosbag2 directories")
+    demonstrations = [read_demonstration(p, node.task.name, node.task.joints) for p in paths]
+    for demonstration in demonstrations:
+        n, path = len(demonstration.samples), demonstration.path
+        for note in demonstration.notes:
+            node.get_logger().warning(f"{path}: {note}; its {n} readable samples are used")
+        node.get_logger().info(f"{path}: {n} samples, {who(demonstration.card)}")
+    return numbered_through(demonstrations)
+
+
+def who(card: dict[str, Any]) -> str:
+    """Who flew, by the card."""
+    return f"flown by {card['pilot']}" if "pilot" in card else "no card says who flew"

@@ -1,0 +1,123 @@
+"""What the learner says about itself: score, update, weights, /diagnostics."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+from iolspi_ros import qos, wire
+from iolspi_ros.core.lspi import OfflineResult, Solve
+from iolspi_ros.core.online import OnlineLSPI, Source, Update
+from iolspi_ros.core.samples import Observation
+
+
+class Reports:
+    """Publishes the learner's reports.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Whose topics they are.
+    core : OnlineLSPI
+    """
+
+    def __init__(self, node: Node, core: OnlineLSPI) -> None:
+        self._node = node
+        self._core = core
+        self._score_rows = wire.Rows("score", wire.SCORE)
+        self._update_rows = wire.Rows("update", wire.UPDATE)
+        self._score_out = node.create_publisher(Float64MultiArray, "score", qos.REPORTS)
+        self._update_out = node.create_publisher(Float64MultiArray, "update", qos.REPORTS)
+        self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.REPORTS)
+        self._diagnostics_out = node.create_publisher(DiagnosticArray, "/diagnostics", qos.REPORTS)
+        self._solve: Solve | None = None
+        self._kept = 0
+        self._stop = "none"
+        self._key = (0, 0)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._score, self._discounted, self._explored = 0.0, 0.0, 0
+
+    def observed(self, observation: Observation) -> None:
+        """Add a reward to the score of its episode; publish the score at the end."""
+        if observation.step == 0:
+            self._begin()
+        elif np.isfinite(observation.reward):
+            self._score += observation.reward
+            gamma = self._core.settings.gamma
+            self._discounted += gamma ** (observation.step - 1) * observation.reward
+        self._key = (observation.episode, observation.step)
+        if observation.last:
+            values = (*self._head(), self._score, self._discounted, self._explored)
+            self._score_out.publish(self._score_rows.message(*values))
+
+    def explored(self, source: Source) -> None:
+        """Count an exploring action."""
+        self._explored += source == Source.EXPLORE
+
+    def update(self, update: Update) -> None:
+        """Publish one policy update."""
+        solve, core = update.solve, self._core
+        self._solve = solve
+        self._kept += not update.accepted
+        self._update_out.publish(
+            self._update_rows.message(
+                *self._head(), update.number, update.accepted, np.linalg.norm(core.weights),
+                update.change, core.epsilon, solve.condition, solve.rank, solve.residual,
+                core.moments.n_samples,
+            )
+        )  # fmt: skip
+
+    def offline(self, result: OfflineResult) -> None:
+        """Remember how offline LSPI stopped; publish it as update 0."""
+        self._stop = result.describe()
+        change = result.changes[-1] if result.changes else 0.0
+        accepted = result.solve.status != "non-finite"
+        self.update(Update(0, 0, result.moments, result.solve, accepted, change))
+
+    def weights(self) -> None:
+        """Publish the weights in use."""
+        self._weights_out.publish(wire.weights_message(self._core.weights, self._core.updates))
+
+    def diagnostics(self, condition: dict[str, object]) -> None:
+        """Publish the learner's health.
+
+        Parameters
+        ----------
+        condition : dict
+            What the node knows beside the core.
+        """
+        core, solve = self._core, self._solve
+        values: dict[str, object] = dict(condition)
+        values |= {
+            "updates": core.updates,
+            "updates that kept the weights before": self._kept,
+            "epsilon": f"{core.epsilon:.4g}",
+            "weights' norm": f"{np.linalg.norm(core.weights):.6g}",
+            "transitions dropped (not finite)": core.dropped,
+            "offline LSPI": self._stop,
+        }
+        level, text = DiagnosticStatus.OK, str(condition["phase"])
+        if solve is not None:
+            values |= {
+                "last solve": solve.status,
+                "condition": f"{solve.condition:.3g}",
+                "rank": solve.rank,
+                "residual": f"{solve.residual:.3g}",
+            }
+            if not solve.healthy:
+                level, text = DiagnosticStatus.WARN, f"{text}; last solve {solve.status}"
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        name = f"{self._node.get_fully_qualified_name()[1:]}: learning"
+        status = DiagnosticStatus(level=level, name=name, message=text, values=pairs)
+        message.status = [status]
+        self._diagnostics_out.publish(message)
+
+    def _head(self) -> tuple[int, int, int, int]:
+        now = self._node.get_clock().now().nanoseconds
+        return (*self._key, *wire.split(now))

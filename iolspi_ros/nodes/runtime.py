@@ -1,0 +1,112 @@
+"""How every node of ours starts, spins and ends."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import sys
+from collections.abc import Callable
+from typing import Protocol
+
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.node import Node
+from rclpy.timer import Timer
+
+from iolspi_ros.errors import InputError
+
+
+class Closing(Protocol):
+    """A node with something to put away at the end."""
+
+    def close(self) -> None:
+        """Save what was recorded or learned; safe to call more than once."""
+        ...
+
+
+def executor() -> Executor:
+    """The fastest executor that this rclpy has."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:  # rclpy of the first Jazzy releases
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """A timer on the machine's steady clock, whatever the graph's clock does; period in s."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> int:
+    """Run one node until it is told to stop.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the node; it has a method `close`.
+    name : str
+        For messages.
+    args : list of str, optional
+        Command line with `--ros-args`.
+
+    Returns
+    -------
+    int
+        Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
+    """
+    node: Node | None = None
+    try:
+        rclpy.init(args=args)
+        node = make()
+        spin(node)
+        return 0
+    except InputError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    except RCLError as error:  # a parameter file that is missing or is no YAML
+        print(f"{name}: {_first_line(error)}", file=sys.stderr)
+        return 2
+    finally:
+        # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        if node is not None:
+            _put_away(node, name)
+        rclpy.try_shutdown()
+
+
+def spin(node: Node) -> None:
+    """Handle events until the context is shut down."""
+    loop = executor()
+    loop.add_node(node)
+    gc.collect()
+    gc.freeze()
+    try:
+        while rclpy.ok():
+            loop.spin_once(timeout_sec=0.25)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RCLError:
+        if rclpy.ok():  # else a signal came while a callback was publishing
+            raise
+
+
+def _put_away(node: Node, name: str) -> None:
+    try:
+        node.close()
+    except InputError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+    with contextlib.suppress(RCLError):
+        node.destroy_node()
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error)
+    return text.split(", at ")[0].splitlines()[0]

@@ -1,0 +1,136 @@
+"""The pilot's seat: whoever sits in it answers each observation of the vehicle once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from iolspi_ros import qos, wire
+from iolspi_ros.core.online import Source
+from iolspi_ros.core.samples import Observation, Transition
+from iolspi_ros.errors import InputError
+from iolspi_ros.nodes import runtime
+from iolspi_ros.pairing import Pairer
+
+
+class Occupant(Protocol):
+    """Who sits in the seat."""
+
+    def transition(self, before: Observation, stamp: int, transition: Transition) -> None:
+        """Take a transition that left `before`, seen at `stamp` [ns]; each comes once."""
+        ...
+
+    def observed(self, observation: Observation, stamp: int) -> None:
+        """Take a new observation, before it is answered."""
+        ...
+
+    def choose(self, observation: Observation) -> tuple[int, Source]:
+        """Action for an observation whose state is finite and not the last of its episode."""
+        ...
+
+
+class Seat:
+    """Pairs `state` with `reward`, and answers with `action`.
+
+    A repeated observation gets the same answer again; one older than the newest gets none; the
+    last of an episode, and one that is not finite, is acknowledged with a `hold`.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    joints : sequence of str
+    occupant : Occupant
+    simulator_timeout : float
+        Seconds from `take` to the first state, after which to give up; 0 for never.
+    """
+
+    def __init__(
+        self, node: Node, joints: Sequence[str], occupant: Occupant, simulator_timeout: float
+    ) -> None:
+        self._node, self._occupant, self._timeout = node, occupant, simulator_timeout
+        self._pairer = Pairer(joints)
+        self._rows = wire.Rows("action", wire.ACTION)
+        self._out = node.create_publisher(Float64MultiArray, "action", qos.CONTROL)
+        self._newest = (-1, -1)
+        self._answer: Any = None
+        self._heard = False
+        self._watch: Any = None
+        self.taken = False
+        self.invalid = 0
+        state, reward = self._receiver(self._pairer.state), self._receiver(self._pairer.reward)
+        node.create_subscription(JointState, "state", state, qos.CONTROL)
+        node.create_subscription(Float64MultiArray, "reward", reward, qos.CONTROL)
+
+    def take(self) -> None:
+        """Begin to answer."""
+        self.taken = True
+        if self._timeout and self._watch is None:
+            self._watch = runtime.wall_timer(self._node, self._timeout, self._check_simulator)
+
+    def leave(self) -> None:
+        """Stop answering; somebody else flies."""
+        self.taken = False
+
+    def ignore(self, why: str) -> None:
+        """Count an unusable message and say why, not too often."""
+        self.invalid += 1
+        self._node.get_logger().warning(f"ignored: {why}", throttle_duration_sec=5.0)
+
+    def answer_message(self) -> Any:
+        """The last answer, as it was published."""
+        return self._answer
+
+    def _receiver(self, pair: Callable[[Any], Observation | None]) -> Callable[[Any], None]:
+        def receive(message: Any) -> None:
+            try:
+                observation = pair(message)
+            except InputError as error:
+                self.ignore(str(error))
+                return
+            self._heard = True
+            if observation is not None and self.taken:
+                self._respond(observation)
+
+        return receive
+
+    def _respond(self, observation: Observation) -> None:
+        key = (observation.episode, observation.step)
+        if key == self._newest:
+            self._out.publish(self._answer)
+            return
+        stamp = self._pairer.stamps[key]
+        self._occupant.observed(observation, stamp)
+        for before, transition in self._pairer.transitions(observation):
+            before_stamp = self._pairer.stamps[before.episode, before.step]
+            self._occupant.transition(before, before_stamp, transition)
+        if key < self._newest or not self.taken:
+            return
+        self._newest = key
+        action, source = self._choose(observation)
+        self._answer = self._rows.message(*key, *wire.split(stamp), action, source)
+        self._out.publish(self._answer)
+
+    def _choose(self, observation: Observation) -> tuple[int, Source]:
+        finite = bool(np.isfinite(observation.state).all())
+        if not (finite and np.isfinite(observation.reward)):
+            self.ignore(
+                f"state {observation.state.tolist()} or reward {observation.reward} of step "
+                f"{observation.step} of episode {observation.episode} is not finite"
+            )
+        if observation.last or not finite:
+            return max(observation.action, 0), Source.HOLD
+        return self._occupant.choose(observation)
+
+    def _check_simulator(self) -> None:
+        self._watch.cancel()
+        if not self._heard:
+            raise InputError(
+                f"no simulator: nothing on {self._node.resolve_topic_name('state')} for "
+                f"{self._timeout:g} s; start one in the same ROS_DOMAIN_ID, or set the parameter "
+                "simulator_timeout to 0.0 to wait for ever"
+            )

@@ -1,0 +1,1 @@
+"""Reports that people look at: plots, and the page that holds them."""

@@ -1,0 +1,52 @@
+"""Where the package's own files are: in the source tree, or installed under share/."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from iolspi_ros.errors import InputError
+
+
+def find(*parts: str) -> Path:
+    """Path of a file or folder such as ("config", "pendulum.yaml").
+
+    Raises
+    ------
+    InputError
+        When it is neither in the source tree nor installed.
+    """
+    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    roots = [Path(__file__).resolve().parent.parent]
+    roots += [Path(prefix) / "share" / "iolspi_ros" for prefix in prefixes if prefix]
+    for root in roots:
+        if (root / "package.xml").is_file() and root.joinpath(*parts).exists():
+            return root.joinpath(*parts)
+    raise InputError(f"{'/'.join(parts)} is not there; allowed: a file of this package")
+
+
+def parameters(path: Path, node: str) -> dict[str, Any]:
+    """What a ROS parameter file says to one node.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or is no ROS parameter file.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; allowed: a ROS parameter file") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path} is no YAML: {' '.join(str(error).split())}") from None
+    try:
+        values = (content.get(node) or {}).get("ros__parameters", {})
+        return dict(values)
+    except (AttributeError, TypeError, ValueError):
+        raise InputError(
+            f"{path} is no ROS parameter file; allowed: NODE: ros__parameters: NAME: value"
+        ) from None

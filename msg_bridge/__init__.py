@@ -1,0 +1,1 @@
+"""To the outside world: conversions between this graph's frames and an autopilot's."""

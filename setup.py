@@ -1,0 +1,47 @@
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "iolspi_ros"
+HERE = Path(__file__).parent
+VERSION = re.search(
+    r'__version__ = "([^"]+)"', (HERE / PACKAGE / "__init__.py").read_text(encoding="utf-8")
+).group(1)
+
+
+def tree(folder: str) -> list[tuple[str, list[str]]]:
+    """Files of a folder, each under share/, for installation."""
+    found: dict[str, list[str]] = {}
+    for path in sorted((HERE / folder).rglob("*")):
+        if path.is_file():
+            place = path.relative_to(HERE)
+            found.setdefault(f"share/{PACKAGE}/{place.parent}", []).append(str(place))
+    return list(found.items())
+
+
+setup(
+    name=PACKAGE,
+    version=VERSION,
+    packages=find_packages(include=["iolspi_ros*", "sim_nodes*", "msg_bridge*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        *tree("config"),
+        *tree("launch"),
+        *tree("demos"),
+    ],
+    python_requires=">=3.11,<3.14",
+    install_requires=["setuptools"],
+    zip_safe=True,
+    description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "iolspi = iolspi_ros.cli:main",
+            "simulator = sim_nodes.simulator:main",
+            "demonstrator = iolspi_ros.nodes.demonstrator:main",
+            "learner = iolspi_ros.nodes.learner:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""Simulated vehicles: pure tasks, scripted pilots, and the node that runs them."""

@@ -1,0 +1,176 @@
+"""Scripted pilots: stand-ins for a person at the stick, and they say so wherever they appear.
+
+A law says what an attentive pilot would do in a state; `ScriptedPilot` makes it human: it sees
+late, foresees imperfectly, and does not change its mind at every step.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.errors import InputError
+from iolspi_ros.settings import Settings, setting
+from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.pendulum import Pendulum
+
+Array = NDArray[np.float64]
+
+MODES = ("perform", "explore")
+
+
+@dataclass(frozen=True)
+class PilotSettings(Settings):
+    """How human the scripted pilot is. Times are vehicle times."""
+
+    mode: str = setting("perform", "do the task well, or explore the states", choices=MODES)
+    reaction_delay: float = setting(
+        0.03, "age of the state that it reacts to [s]", low=0.0, high=5.0
+    )
+    hold_time: float = setting(0.02, "shortest time between two decisions [s]", low=0.0, high=5.0)
+    prediction_error: float = setting(
+        0.2, "standard deviation of its relative error in foreseeing the delay", low=0.0, high=10.0
+    )
+
+
+class Law(Protocol):
+    """What a pilot wants in a state."""
+
+    def begin(self) -> None:
+        """Start an episode."""
+        ...
+
+    def decide(self, state: Array, time: float) -> int:
+        """Index of the action for a state, shape (n_dims,), at a time in the episode [s]."""
+        ...
+
+
+class PendulumPerform:
+    """Pump energy until the mass can reach the top, then catch it there."""
+
+    catch_angle = 0.6  # rad: inside, the motor can hold the mass
+    lead = 0.09  # s: how far ahead of the angle the balancing hand reacts
+    surplus = 1.3  # energy to pump up to, in that of the mass at the top: friction takes some
+    dead_zone = 0.08  # rad: small enough to leave alone
+
+    def __init__(self, task: Pendulum, rng: np.random.Generator) -> None:
+        self.task = task
+        self.lift = task.mass * task.g * task.length  # energy of the mass at the top [J]
+
+    def begin(self) -> None:
+        """Nothing carries over between episodes."""
+
+    def decide(self, state: Array, time: float) -> int:
+        """Balance near the top, else push along with the motion while energy is short."""
+        angle, rate = float(state[0]), float(state[1])
+        if abs(angle) < self.catch_angle:
+            lean = angle + self.lead * rate
+            return 1 if abs(lean) < self.dead_zone else (0 if lean > 0 else 2)
+        energy = 0.5 * self.task.inertia * rate**2 + self.lift * np.cos(angle)
+        short = self.surplus * self.lift - energy
+        if abs(short) < 0.05 * self.lift:
+            return 1
+        along = 2 if rate >= 0 else 0
+        return along if short > 0 else 2 - along
+
+
+class PendulumExplore:
+    """Change intention every now and then: pump, brake, spin, balance, let go."""
+
+    shortest, longest = 0.08, 0.35  # s between two intentions
+    intentions = ("swing up", "swing up", "spin left", "spin right", "brake", "let go")
+
+    def __init__(self, task: Pendulum, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.perform = PendulumPerform(task, rng)
+        self.begin()
+
+    def begin(self) -> None:
+        """Start with an intention drawn at random."""
+        self.until = 0.0
+        self.intention = self.intentions[0]
+
+    def decide(self, state: Array, time: float) -> int:
+        """Act on the present intention."""
+        if time >= self.until:
+            self.intention = self.intentions[int(self.rng.integers(len(self.intentions)))]
+            self.until = time + float(self.rng.uniform(self.shortest, self.longest))
+        if self.intention == "swing up":
+            return self.perform.decide(state, time)
+        if self.intention == "brake":
+            return 0 if state[1] > 0 else 2
+        return {"spin left": 0, "let go": 1, "spin right": 2}[self.intention]
+
+
+_LAWS: dict[tuple[str, str], type] = {
+    ("pendulum", "perform"): PendulumPerform,
+    ("pendulum", "explore"): PendulumExplore,
+}
+
+
+class ScriptedPilot:
+    """A law behind human senses and hands.
+
+    Parameters
+    ----------
+    task : Task
+    settings : PilotSettings
+    rng : numpy.random.Generator
+
+    Raises
+    ------
+    InputError
+        When nobody can fly this task.
+    """
+
+    def __init__(self, task: Task, settings: PilotSettings, rng: np.random.Generator) -> None:
+        law = _LAWS.get((task.name, settings.mode))
+        if law is None:
+            known = ", ".join(f"{name} ({mode})" for name, mode in _LAWS)
+            raise InputError(f"no scripted pilot for task {task.name!r}; allowed: {known}")
+        self.task, self.settings, self.rng = task, settings, rng
+        self.law: Law = law(task, rng)
+        self._delay = round(settings.reaction_delay / task.dt)
+        self._hold = max(1, round(settings.hold_time / task.dt))
+        self.begin()
+
+    def begin(self) -> None:
+        """Start an episode with rested hands."""
+        self._seen: deque[Array] = deque(maxlen=self._delay + 1)
+        self._held, self._wait, self._steps = self.task.neutral, 0, 0
+        self.law.begin()
+
+    def act(self, state: Array) -> int:
+        """Action of this sampling time; call once a step, in order.
+
+        Parameters
+        ----------
+        state : ndarray of shape (n_dims,)
+
+        Returns
+        -------
+        int
+        """
+        self._seen.append(state)
+        if self._wait == 0:
+            self._held = self.law.decide(self._foreseen(), self._steps * self.task.dt)
+            self._wait = self._hold
+        self._wait -= 1
+        self._steps += 1
+        return self._held
+
+    def _foreseen(self) -> Array:
+        """The late state, carried forward along its velocities, not quite right."""
+        state = self._seen[0].copy()
+        ahead = (len(self._seen) - 1) * self.task.dt
+        error = 1.0 + self.settings.prediction_error * float(self.rng.standard_normal())
+        state[0::2] += state[1::2] * ahead * error
+        for d, wraps in enumerate(self.task.periodic):
+            if wraps:
+                span = self.task.high[d] - self.task.low[d]
+                state[d] = (state[d] - self.task.low[d]) % span + self.task.low[d]
+        return state

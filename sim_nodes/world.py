@@ -1,0 +1,94 @@
+"""One vehicle living through episodes: what the simulator node and a headless run share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.core.samples import Observation
+from iolspi_ros.errors import InputError
+from iolspi_ros.settings import Settings, setting
+from sim_nodes.tasks.base import Task
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WorldSettings(Settings):
+    """Where episodes start, and the noise between the vehicle and its controller."""
+
+    order: str = setting(
+        "random",
+        "initial conditions drawn at random, or swept one after the other",
+        choices=("random", "sweep"),
+    )
+    action_noise: float = setting(
+        0.0, "standard deviation of the noise on the action, in its unit (T Eq. 10-1)", low=0.0
+    )
+    sensor_noise: tuple[float, ...] = setting(
+        (0.0,),
+        "standard deviations of the measured state (T Eq. 10-2); one for all, or each",
+        low=0.0,
+    )
+
+
+class World:
+    """A task with a state, a clock and a random generator.
+
+    Parameters
+    ----------
+    task : Task
+    settings : WorldSettings
+    rng : numpy.random.Generator
+        Draws initial conditions and noise.
+    """
+
+    def __init__(self, task: Task, settings: WorldSettings, rng: np.random.Generator) -> None:
+        self.task = task
+        self.settings = settings
+        self.rng = rng
+        self.vehicle_steps = 0
+        self._starts = task.initial_states()
+        noise, n_dims = settings.sensor_noise, self._starts.shape[1]
+        if len(noise) not in (1, n_dims):
+            raise InputError(f"sensor_noise has {len(noise)} entries; allowed: 1 or {n_dims}")
+        self._sensor = np.broadcast_to(np.array(noise), (n_dims,))
+        self._state = self._starts[0]
+        self._episodes_started = 0
+        self._step = 0
+
+    @property
+    def vehicle_time(self) -> float:
+        """Time that the vehicle has moved [s]; starting an episode takes none of it."""
+        return self.vehicle_steps * self.task.dt
+
+    def begin(self, episode: int) -> Observation:
+        """Put the vehicle at an initial condition."""
+        if self.settings.order == "sweep":
+            row = self._episodes_started % len(self._starts)
+        else:
+            row = int(self.rng.integers(len(self._starts)))
+        self._episodes_started += 1
+        self._state, self._step = self._starts[row], 0
+        return Observation(episode, 0, self._measured())
+
+    def move(self, episode: int, action: int) -> Observation:
+        """Hold an action for one sampling time."""
+        noise = 0.0
+        if self.settings.action_noise:
+            noise = self.settings.action_noise * self.rng.standard_normal()
+        self._state, reward, terminated = self.task.step(
+            self._state, np.int64(action), self.vehicle_time, noise
+        )
+        self._step += 1
+        self.vehicle_steps += 1
+        ended = bool(terminated)
+        cut = not ended and self._step >= self.task.episode_steps
+        return Observation(episode, self._step, self._measured(), float(reward), action, ended, cut)
+
+    def _measured(self) -> Array:
+        if not self._sensor.any():
+            return self._state
+        return self._state + self._sensor * self.rng.standard_normal(len(self._state))
