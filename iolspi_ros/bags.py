@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -142,7 +143,7 @@ class BagWriter:
         if self._closed:
             return
         self._closed = True
-        self._mcap.finish()
+        self._mcap.finish()  # type: ignore[no-untyped-call]
         self._file.close()
         (self.path / _METADATA).write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
 
@@ -471,7 +472,7 @@ def _deserialise(record: Record) -> Any:
 def _gaps(samples: list[Sample]) -> int:
     """Steps missing between the first and the last of each episode."""
     missing = 0
-    for before, after in zip(samples, samples[1:], strict=False):
+    for before, after in pairwise(samples):
         if before.episode == after.episode:
             missing += after.step - before.step - 1
     return missing

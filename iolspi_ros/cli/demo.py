@@ -157,9 +157,9 @@ def _report(
         }
         summary |= extra
         lead = (
-            f"Demonstration set {demonstration} was replayed on a ROS 2 graph, offline LSPI learned "
-            "from it, and online LSPI went on from there. The set was flown by a scripted pilot, "
-            "not by a person."
+            f"Demonstration set {demonstration} was replayed on a ROS 2 graph, offline LSPI "
+            "learned from it, and online LSPI went on from there. The set was flown by a scripted "
+            "pilot, not by a person."
         )
         title = f"Learning the {vehicle.name} from demonstrations"
         page = report.write_report(

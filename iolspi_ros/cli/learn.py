@@ -120,6 +120,6 @@ def _inform(learner: object, history: object, vehicle: object, demos: list[Path]
         result = learner.inform(transitions, proceed)
         show(learner.settings.max_iterations)
     console.print(result.describe())
-    history.demonstrated = transitions.state
+    history.demonstrated = list(transitions.state)
     history.offline = result.describe()
     history.policies.append(Policy.of(0, 0.0, learner.weights, result.solve, accepted=True))

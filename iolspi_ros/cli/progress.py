@@ -50,7 +50,7 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
     def show(done: int) -> None:
         nonlocal said
         now = time.monotonic()
-        if now - said < 5.0 and done < total or said < 0.0:
+        if (now - said < 5.0 and done < total) or said < 0.0:
             return
         left = (now - start) / done * (total - done) if done else float("nan")
         eta = f", {left:.0f} s left" if done and done < total else ""

@@ -83,7 +83,8 @@ def solve(moments: Moments, gamma: float, scaling: str = "samples") -> Solve:
     if reciprocal > order * np.finfo(float).eps:
         weights = lapack.dgetrs(factors, pivots, target, trans=1)[0]
     else:
-        weights, _, rank, _ = np.linalg.lstsq(matrix, target, rcond=None)
+        weights, _, found, _ = np.linalg.lstsq(matrix, target, rcond=None)
+        rank = int(found)
         status = "singular" if rank < order else "ok"
     residual = float(np.linalg.norm(matrix @ weights - target))
     residual /= float(np.linalg.norm(target)) or 1.0
@@ -92,8 +93,8 @@ def solve(moments: Moments, gamma: float, scaling: str = "samples") -> Solve:
     elif status == "ok" and not residual <= RESIDUAL_LIMIT:
         status = "inaccurate"
     condition = 1.0 / reciprocal if reciprocal > 0.0 else np.inf
-    shaped = weights.reshape(moments.n_actions, moments.size)
-    return Solve(shaped, condition, int(rank), residual, status)
+    shaped: Array = np.reshape(weights, (moments.n_actions, moments.size))
+    return Solve(shaped, condition, rank, residual, status)
 
 
 def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -> NDArray[np.int64]:

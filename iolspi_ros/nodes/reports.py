@@ -65,7 +65,7 @@ class Reports:
         self._kept += not update.accepted
         self._update_out.publish(
             self._update_rows.message(
-                *self._head(), update.number, update.accepted, np.linalg.norm(core.weights),
+                *self._head(), update.number, update.accepted, float(np.linalg.norm(core.weights)),
                 update.change, core.epsilon, solve.condition, solve.rank, solve.residual,
                 core.moments.n_samples,
             )

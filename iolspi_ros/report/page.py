@@ -19,10 +19,12 @@ from iolspi_ros.core.checkpoint import atomic_file
 Array = NDArray[np.float64]
 
 _STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:60rem;margin:2rem auto;padding:0 1rem}
+body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:60rem;
+ margin:2rem auto;padding:0 1rem}
 h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin-top:2.2rem}
 p.lead{color:#52606d;margin-top:0}img{width:100%;height:auto}
-.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(11rem,1fr));gap:.8rem;margin:1.2rem 0}
+.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(11rem,1fr));
+ gap:.8rem;margin:1.2rem 0}
 .fact{background:#f1f3f5;border-radius:.5rem;padding:.7rem 1rem}
 .fact b{display:block;font-size:1.4rem}.fact span{color:#52606d;font-size:.85rem}
 table{border-collapse:collapse;font-size:.9rem}td{padding:.1rem .8rem .1rem 0;vertical-align:top}

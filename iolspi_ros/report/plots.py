@@ -63,7 +63,9 @@ def discounted_return(times: Sequence[float], returns: Sequence[float], best: fl
     axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
     axes.plot(times, returns, "o-", ms=3, color=ACCENT, label="learned, greedy")
     axes.legend(frameon=False, loc="lower right")
-    ratio = axes.secondary_yaxis("right", functions=(lambda r: r / best, lambda q: q * best))
+    ratio = axes.secondary_yaxis(
+        "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))
+    )
     ratio.set_ylabel("ratio to near-optimal cost")
     return _figure(axes)
 

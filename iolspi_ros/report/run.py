@@ -24,9 +24,7 @@ def write_summary(path: Path, summary: dict[str, Any]) -> None:
         file.write(json.dumps(summary, indent=2).encode() + b"\n")
 
 
-def summarise(
-    task: Task, features: RBFGrid, history: History, best: Evaluation
-) -> dict[str, Any]:
+def summarise(task: Task, features: RBFGrid, history: History, best: Evaluation) -> dict[str, Any]:
     """Numbers of a run that need no graph.
 
     The policy that counts is the last one, greedy, from every initial condition.

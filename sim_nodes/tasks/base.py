@@ -39,7 +39,11 @@ class Task(Protocol):
     """Dimensions that wrap around from `high` to `low`."""
 
     def step(
-        self, state: Array, action: NDArray[np.int64], time: float = 0.0, noise: Array | float = 0.0
+        self,
+        state: Array,
+        action: NDArray[np.int64] | np.int64,
+        time: float = 0.0,
+        noise: Array | float = 0.0,
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Next state, reward and whether the task ended there.
 

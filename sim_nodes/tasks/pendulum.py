@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ UPRIGHT_TIME = 0.5
 """The end of an episode over which it must be upright [s]."""
 
 
-def wrap(angle: Array) -> Array:
+def wrap(angle: Any) -> Any:
     """Angle in [-π, π) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
@@ -90,7 +91,11 @@ class Pendulum(Settings):
         return (gravity - self.friction * rate - k * k * rate / r + k * voltage / r) / self.inertia
 
     def step(
-        self, state: Array, action: NDArray[np.int64], time: float = 0.0, noise: Array | float = 0.0
+        self,
+        state: Array,
+        action: NDArray[np.int64] | np.int64,
+        time: float = 0.0,
+        noise: Array | float = 0.0,
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """One sampling time by one step of the fourth-order Runge-Kutta method.
 
@@ -120,12 +125,13 @@ class Pendulum(Settings):
         hanging = self.initial == "hanging"
         angles = _HANGING_ANGLES if hanging else _SPREAD_ANGLES
         rates = _HANGING_RATES if hanging else _SPREAD_RATES
-        return np.array([(wrap(np.float64(angle)), rate) for angle in angles for rate in rates])
+        return np.array([(wrap(angle), rate) for angle in angles for rate in rates])
 
     def succeeded(self, states: Array) -> NDArray[np.bool_]:
         """Whether each episode is upright within 15° for the whole of its last 0.5 s."""
         last = states[-round(UPRIGHT_TIME / self.dt) :, :, 0]
-        return (np.abs(last) <= UPRIGHT_ANGLE).all(axis=0)
+        upright: NDArray[np.bool_] = np.all(np.abs(last) <= UPRIGHT_ANGLE, axis=0)
+        return upright
 
 
 _VOLTAGES = np.array(Pendulum.actions)

@@ -1,0 +1,53 @@
+"""The pendulum: simulator, demonstrator and learner, from config/pendulum.yaml.
+
+ros2 launch iolspi_ros pendulum.launch.py demonstration:=2 mode:=realtime
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch_ros.actions import Node
+
+
+def generate_launch_description() -> LaunchDescription:
+    share = Path(get_package_share_directory("iolspi_ros"))
+    config = str(share / "config" / "pendulum.yaml")
+    mode, seed = LaunchConfiguration("mode"), LaunchConfiguration("seed")
+    number = LaunchConfiguration("demonstration")
+    bag = PathJoinSubstitution([str(share / "demos" / "pendulum"), ["set_", number]])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("mode", default_value="lockstep", choices=["lockstep", "realtime"]),
+            DeclareLaunchArgument("demonstration", default_value="5", description="set 1 to 5"),
+            DeclareLaunchArgument("seed", default_value="0"),
+            DeclareLaunchArgument("checkpoint", default_value="", description="file to save to"),
+            Node(
+                package="iolspi_ros",
+                executable="simulator",
+                parameters=[config, {"mode": mode, "seed": seed}],
+                output="screen",
+            ),
+            Node(
+                package="iolspi_ros",
+                executable="demonstrator",
+                parameters=[config, {"source": "bag", "bags": [bag]}],
+                output="screen",
+            ),
+            Node(
+                package="iolspi_ros",
+                executable="learner",
+                parameters=[
+                    config,
+                    {
+                        "seed": seed,
+                        "checkpoint": LaunchConfiguration("checkpoint"),
+                        "background": PythonExpression(["'", mode, "' == 'realtime'"]),
+                    },
+                ],
+                output="screen",
+            ),
+        ]
+    )

@@ -1,0 +1,42 @@
+"""Between this graph's frames (ENU, FLU: REP-103) and an autopilot's (NED, FRD).
+
+Each map is its own inverse, so one function serves both ways.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def swap_world(vector: Array) -> Array:
+    """East-north-up to north-east-down, or back.
+
+    Parameters
+    ----------
+    vector : ndarray of shape (..., 3)
+        In any unit.
+
+    Returns
+    -------
+    ndarray of shape (..., 3)
+    """
+    vector = np.asarray(vector, float)
+    return np.stack([vector[..., 1], vector[..., 0], -vector[..., 2]], axis=-1)
+
+
+def swap_body(vector: Array) -> Array:
+    """Forward-left-up to forward-right-down, or back.
+
+    Parameters
+    ----------
+    vector : ndarray of shape (..., 3)
+        In any unit.
+
+    Returns
+    -------
+    ndarray of shape (..., 3)
+    """
+    return np.asarray(vector, float) * np.array([1.0, -1.0, -1.0])
