@@ -20,7 +20,9 @@ def generate_launch_description() -> LaunchDescription:
     bag = PathJoinSubstitution([str(share / "demos" / "pendulum"), ["set_", number]])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("mode", default_value="lockstep", choices=["lockstep", "realtime"]),
+            DeclareLaunchArgument(
+                "mode", default_value="lockstep", choices=["lockstep", "realtime"]
+            ),
             DeclareLaunchArgument("demonstration", default_value="5", description="set 1 to 5"),
             DeclareLaunchArgument("seed", default_value="0"),
             DeclareLaunchArgument("checkpoint", default_value="", description="file to save to"),

@@ -125,10 +125,14 @@ def accumulate_cross(
     return cross
 
 
-def forget_factor_for(samples: float) -> float:
-    """η that leaves a sample 1 % of its weight after `samples` more (T Eqs. 17 and 9-13)."""
+def forget_factor_for(samples: float, left: float = 0.01) -> float:
+    """η that leaves a sample the share `left` of its weight after `samples` more.
+
+    T Eqs. 17 and 9-13 take 1 %. The numbers of T Table 9-1 are those for 10 %.
+    """
     check_range("samples", samples, 0.0, np.inf, low_open=True)
-    return float(0.01 ** (1.0 / samples))
+    check_range("left", left, 0.0, 1.0, low_open=True)
+    return float(left ** (1.0 / samples))
 
 
 def _weights(n: int, forget_factor: float) -> Array:

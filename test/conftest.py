@@ -1,0 +1,101 @@
+import iolspi_ros  # noqa: F401, I001  first: it sets the BLAS threads before numpy loads
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+MODULES = {
+    "simulator": "sim_nodes.simulator",
+    "demonstrator": "iolspi_ros.nodes.demonstrator",
+    "learner": "iolspi_ros.nodes.learner",
+}
+
+
+class Nodes:
+    """Our nodes as processes of one domain."""
+
+    def __init__(self, folder, domain):
+        self.folder, self.env = folder, os.environ | {"ROS_DOMAIN_ID": str(domain)}
+        self.processes = {}
+
+    def start(self, node, *arguments, name=None):
+        log = (self.folder / f"{name or node}.log").open("wb")
+        command = [sys.executable, "-m", MODULES[node], "--ros-args", *arguments]
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=self.env)
+        self.processes[name or node] = process
+        return process
+
+    def log(self, name):
+        return (self.folder / f"{name}.log").read_text()
+
+    def wait_for(self, name, text, deadline=30.0):
+        """Until a node has said `text`."""
+        end = time.monotonic() + deadline
+        while text not in self.log(name):
+            assert time.monotonic() < end, f"{name} never said {text!r}:\n{self.log(name)}"
+            assert self.processes[name].poll() is None or text in self.log(name), self.log(name)
+            time.sleep(0.02)
+
+    def end(self, name, number=signal.SIGINT):
+        """Exit status, and how long it took [s]."""
+        process, start = self.processes.pop(name), time.monotonic()
+        process.send_signal(number)
+        try:
+            return process.wait(10.0), time.monotonic() - start
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+    def finish(self, node, *arguments, deadline=30.0):
+        """Run a node to its own end; exit status and what it said."""
+        process = self.start(node, *arguments)
+        status = process.wait(deadline)
+        del self.processes[node]
+        return status, self.log(node)
+
+    def close(self):
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def domain():
+    """A ROS domain of this test's own."""
+    return random.SystemRandom().randint(1, 100)
+
+
+@pytest.fixture
+def nodes(tmp_path, domain):
+    running = Nodes(tmp_path, domain)
+    yield running
+    running.close()
+
+
+@pytest.fixture
+def ros(domain):
+    """rclpy in this process, in the domain of the nodes."""
+    import rclpy
+
+    rclpy.init(domain_id=domain)
+    yield rclpy
+    with contextlib.suppress(Exception):
+        rclpy.try_shutdown()
+
+
+def spin_until(executor, ready, deadline=20.0):
+    end = time.monotonic() + deadline
+    while not ready():
+        assert time.monotonic() < end, "deadline"
+        executor.spin_once(timeout_sec=0.05)

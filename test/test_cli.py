@@ -1,0 +1,144 @@
+"""The `iolspi` command from outside."""
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iolspi_ros.bags import read_demonstration
+from iolspi_ros.resources import find
+
+COMMANDS = ("demo", "learn", "record", "run")
+
+
+def iolspi(*arguments, cwd=None, deadline=120.0):
+    command = [sys.executable, "-m", "iolspi_ros", *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=deadline, check=False
+    )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_teaches_by_example(command):
+    result = iolspi(command, "--help")
+    assert result.returncode == 0
+    assert f"Example: iolspi {command}" in " ".join(result.stdout.split())
+
+
+def test_help_and_version():
+    assert all(command in iolspi("--help").stdout for command in COMMANDS)
+    assert re.match(r"iolspi_ros \d+\.\d+\.\d+", iolspi("--version").stdout)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("learn", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
+        (("learn", "--demos", "/nowhere"), "bag /nowhere does not exist"),
+        (("learn", "--seconds", "0"), "nothing was learned"),
+        (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),
+        (("learn", "--out", "/proc/no"), "--out /proc/no cannot be made"),
+        (("demo", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
+        (("demo", "--set", "6"), "set_6"),
+        (("demo", "--seconds", "-1"), "--seconds is -1.0; allowed"),
+        (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
+        (("record", "--set", "7", "--out", "x"), "--set is 7; allowed: 1 to 5"),
+        (("record", "--mode", "sleep", "--out", "x"), "mode is 'sleep'; allowed: perform, explore"),
+        (("run", "pilot"), "node is 'pilot'; allowed: simulator, demonstrator, learner"),
+    ],
+)
+def test_bad_input_is_one_line_with_status_2(tmp_path, arguments, words):
+    result = iolspi(*arguments, cwd=tmp_path)
+    said = result.stderr + result.stdout
+    assert words in said
+    assert (result.returncode, "Traceback" in said) == (2, False), said
+
+
+def test_learn_leaves_a_policy_and_a_report(tmp_path):
+    out = tmp_path / "out"
+    arguments = ("--demos", find("demos", "pendulum", "set_5"), "--seconds", 30, "--out", out)
+    result = iolspi("learn", *arguments)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["vehicle_seconds"] == 30.0
+    assert summary["demonstrated_samples"] == 6300
+    assert 1.0 <= summary["ratio_to_near_optimal"] < 1.1
+    assert summary["offline"].startswith("offline LSPI: ")
+    page = (out / "report.html").read_text()
+    assert page.count("<img") >= 5
+    assert (out / "checkpoint.npz").is_file()
+    again = iolspi("learn", *arguments[:-1], tmp_path / "again")
+    assert again.returncode == 0
+    files = [np.load(folder / "checkpoint.npz") for folder in (out, tmp_path / "again")]
+    np.testing.assert_array_equal(files[0]["weights"], files[1]["weights"])
+
+
+def graph_processes():
+    """Nodes of ours that are running, by their command lines."""
+    lines = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            lines.append(file.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return [line for line in lines if "--params-file" in line]
+
+
+@pytest.mark.timeout(300)
+def test_the_demo_leaves_everything_and_no_graph(tmp_path):
+    out = tmp_path / "demo"
+    result = iolspi("demo", "--seconds", 15, "--out", out, deadline=240)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "left" in result.stdout  # an ETA
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["vehicle_seconds"] == 15.0
+    assert summary["wall_seconds"] > 0
+    assert summary["lockstep_steps_per_second"] > 0
+    assert summary["near_optimal_return"] < 0
+    assert summary["discounted_return"] <= summary["near_optimal_return"]
+    assert 0 <= summary["upright_fraction"] <= 1
+    assert summary["shown_upright_fraction"] == summary["upright_fraction"]  # graph and headless
+    assert (summary["ros_distro"], summary["rmw"]) == ("jazzy", "rmw_fastrtps_cpp")
+    assert (out / "checkpoint.npz").is_file()
+    page = (out / "report.html").read_text()
+    assert page.count("<img") >= 6
+    assert "<canvas" in page
+    recorded = read_demonstration(out / "bag", "pendulum", ("shaft",))
+    assert len(recorded.samples) == 6300
+    assert not [line for line in graph_processes() if str(out) in line]
+
+
+def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
+    out = tmp_path / "demo"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "iolspi_ros", "demo", "--out", str(out)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    end = time.monotonic() + 60
+    while not (out / "learner.log").is_file() or "offline" not in (out / "learner.log").read_text():
+        assert time.monotonic() < end
+        assert process.poll() is None
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert not [line for line in graph_processes() if str(out) in line]
+    assert (out / "checkpoint.npz").is_file()
+
+
+def test_a_recorded_set_can_be_learned_from(tmp_path):
+    bag = tmp_path / "mine"
+    result = iolspi("record", "--mode", "explore", "--corruption", 0.2, "--out", bag)
+    assert result.returncode == 0, result.stderr
+    found = read_demonstration(bag, "pendulum", ("shaft",))
+    assert len(found.samples) == 6300
+    assert found.notes == []
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+    assert "exists already" in iolspi("record", "--out", bag).stderr

@@ -1,0 +1,83 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from iolspi_ros.core.features import RBFGrid
+from iolspi_ros.errors import InputError
+
+numbers = st.floats(-3.0, 3.0)
+
+
+def by_the_thesis(state, low, high, counts, asymmetric, width):
+    """T Eqs. 9-2 to 9-9, one centre after the other."""
+    reference = next((c for c in counts if c > 1), 1)
+    scale = [(c - 1) / (reference - 1) if reference > 1 else 0.0 for c in counts]
+    if not asymmetric:
+        scale = [1.0 if c > 1 else 0.0 for c in counts]
+    sigma = width * 2.0 / (reference - 1) if reference > 1 else 1.0
+    values = []
+    for index in np.ndindex(*counts):
+        square = 0.0
+        for d, i in enumerate(index):
+            center = -1.0 + 2.0 * i / (counts[d] - 1) if counts[d] > 1 else 0.0
+            normal = -1.0 + 2.0 * (state[d] - low[d]) / (high[d] - low[d])
+            square += (scale[d] * (normal - center)) ** 2
+        values.append(math.exp(-square / (2.0 * sigma**2)))
+    return np.array(values)
+
+
+@given(
+    st.lists(numbers, min_size=2, max_size=2),
+    st.tuples(st.integers(1, 5), st.integers(1, 6)),
+    st.booleans(),
+    st.floats(0.5, 2.0),
+)
+def test_functions_are_those_of_the_thesis(state, counts, asymmetric, width):
+    low, high = (-2.0, -1.0), (2.0, 3.0)
+    name = "asymmetric" if asymmetric else "symmetric"
+    grid = RBFGrid(low, high, counts, name, width)
+    expected = by_the_thesis(state, low, high, counts, asymmetric, width)
+    np.testing.assert_allclose(grid(np.array(state)), expected, rtol=1e-10, atol=1e-14)
+
+
+def test_neighbours_are_one_width_apart():
+    grid = RBFGrid((-1.0, -10.0), (1.0, 10.0), (5, 3))
+    values = grid(grid.points)
+    np.testing.assert_allclose(np.diag(values), 1.0)
+    np.testing.assert_allclose(values[0, 1], math.exp(-0.5))  # next along the second dimension
+    np.testing.assert_allclose(values[0, 3], math.exp(-0.5))  # next along the first
+
+
+def test_a_batch_is_its_rows_and_nothing_follows_an_end():
+    grid = RBFGrid((-1.0, -1.0), (1.0, 1.0), (4, 3))
+    states = np.random.default_rng(0).uniform(-1, 1, (6, 2))
+    ended = np.array([0, 1, 0, 0, 1, 0], bool)
+    values = grid(states, ended)
+    assert (values[ended] == 0).all()
+    for row in np.flatnonzero(~ended):
+        np.testing.assert_array_equal(values[row], grid(states[row]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (((0.0,), (0.0,), (3,)), r"low\[0\], high\[0\] are 0.0, 0.0"),
+        (((1.0,), (0.0,), (3,)), "allowed: low < high"),
+        (((0.0,), (1.0,), (0,)), r"centers\[0\] is 0"),
+        (((0.0,), (1.0, 2.0), (3,)), "one each per dimension"),
+        (((0.0,), (1.0,), (3,), "lopsided"), "asymmetric, symmetric"),
+        (((0.0,), (1.0,), (3,), "symmetric", -1.0), "width is -1.0"),
+        (((0.0,), (float("nan"),), (3,)), "nan"),
+    ],
+)
+def test_what_makes_no_grid_is_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        RBFGrid(*arguments)
+
+
+def test_a_state_of_other_dimensions_is_refused():
+    with pytest.raises(InputError, match=r"allowed: \(..., 2\)"):
+        RBFGrid((0.0, 0.0), (1.0, 1.0), (2, 2))(np.zeros(3))

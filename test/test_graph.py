@@ -1,0 +1,171 @@
+"""The graph in lockstep: the same as without a graph, whatever is lost on the way."""
+
+import random
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import spin_until
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from iolspi_ros import bags, qos
+from iolspi_ros.core import checkpoint
+from iolspi_ros.core.online import LearnerSettings, OnlineLSPI
+from iolspi_ros.core.samples import Transitions
+from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.nodes import runtime
+from iolspi_ros.resources import find
+from sim_nodes.tasks import Pendulum
+from sim_nodes.world import World, WorldSettings
+
+EPISODES = 3
+SETTINGS = LearnerSettings(update_interval=250, delta=1.0)
+SET_5 = find("demos", "pendulum", "set_5")
+
+
+def new_learner(seed):
+    return OnlineLSPI(SETTINGS, np.random.default_rng([seed, 1]))
+
+
+def headless(seed, informed):
+    learner = new_learner(seed)
+    if informed:
+        found = bags.read_demonstration(SET_5, "pendulum", ("shaft",))
+        learner.inform(found.transitions(2))
+    world = World(Pendulum(), WorldSettings(), np.random.default_rng([seed, 0]))
+    train(world, learner, EPISODES, Listener())
+    return learner
+
+
+def assert_same(learner, other):
+    """Weights, and Γ, Λ, z, which hold every transition."""
+    for name in ("gram", "cross", "reward", "n_samples"):
+        np.testing.assert_array_equal(getattr(learner.moments, name), getattr(other.moments, name))
+    np.testing.assert_array_equal(learner.weights, other.weights)
+    batches = (Transitions.of(x._batch, 2) for x in (learner, other))
+    for a, b in zip(*batches, strict=True):
+        for x, y in zip(a, b, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+def start_learner(nodes, path, seed, informed=False):
+    nodes.start(
+        "learner", "-p", f"informed:={str(informed).lower()}", "-p", "update_interval:=250",
+        "-p", "delta:=1.0", "-p", f"checkpoint:={path}", "-p", f"seed:={seed}",
+    )  # fmt: skip
+
+
+def start_simulator(nodes, seed, *more):
+    arguments = ["-p", f"episodes:={EPISODES}", "-p", f"seed:={seed}", *more]
+    nodes.start("simulator", *arguments)
+
+
+def finish(nodes, path, seed):
+    """End the nodes once all episodes are done; what the learner saved."""
+    for name in list(nodes.processes):
+        status, took = nodes.end(name, signal.SIGTERM)
+        assert status == 0, nodes.log(name)
+        assert took < 2.0
+    learner = new_learner(seed)
+    checkpoint.load(path, learner, "pendulum")
+    return learner
+
+
+@pytest.mark.parametrize("informed", [False, True])
+def test_graph_and_headless_are_bit_identical(nodes, tmp_path, informed):
+    path = tmp_path / "c.npz"
+    start_learner(nodes, path, 3, informed)
+    start_simulator(nodes, 3)
+    if informed:
+        nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]")
+    nodes.wait_for("simulator", "done: 3 episodes")
+    learner = finish(nodes, path, 3)
+    assert learner.step == EPISODES * 300
+    assert_same(learner, headless(3, informed))
+    other = headless(4, informed)
+    assert not np.array_equal(learner.weights, other.weights)
+
+
+def test_two_runs_with_one_seed_are_bit_identical(nodes, tmp_path):
+    learners = []
+    for run in ("a", "b"):
+        path = tmp_path / f"{run}.npz"
+        start_learner(nodes, path, 8)
+        start_simulator(nodes, 8)
+        nodes.wait_for("simulator", "done: 3 episodes")
+        learners.append(finish(nodes, path, 8))
+    assert_same(*learners)
+
+
+class Lossy:
+    """Passes messages on: a tenth is lost, some are doubled, some come late."""
+
+    def __init__(self, rclpy, seed=0):
+        self.random = random.Random(seed)
+        self.node = rclpy.create_node("lossy")
+        self.late, self.counts = [], {"lost": 0, "doubled": 0, "late": 0, "passed": 0}
+        for topic, kind, there, here in (
+            ("state", JointState, "sim/state", "state"),
+            ("reward", Float64MultiArray, "sim/reward", "reward"),
+            ("action", Float64MultiArray, "action", "sim/action"),
+        ):
+            out = self.node.create_publisher(kind, here, qos.CONTROL)
+            self.node.create_subscription(kind, there, self.relay(out), qos.CONTROL)
+            assert topic
+
+    def relay(self, out):
+        def take(message):
+            chance = self.random.random()
+            for publisher, old in self.late:
+                publisher.publish(old)
+            self.late.clear()
+            if chance < 0.1:
+                self.counts["lost"] += 1
+                return
+            if chance < 0.2:
+                self.late.append((out, message))  # after the next one
+                self.counts["late"] += 1
+                return
+            out.publish(message)
+            self.counts["passed"] += 1
+            if chance > 0.9:
+                out.publish(message)
+                self.counts["doubled"] += 1
+
+        return take
+
+
+def test_losses_change_nothing_but_the_time(nodes, tmp_path, ros):
+    path = tmp_path / "c.npz"
+    relay = Lossy(ros)
+    executor = runtime.executor()
+    executor.add_node(relay.node)
+    start_learner(nodes, path, 5)
+    start_simulator(
+        nodes, 5, "-p", "resend_after:=0.01",
+        "-r", "state:=sim/state", "-r", "reward:=sim/reward", "-r", "action:=sim/action",
+    )  # fmt: skip
+    spin_until(executor, lambda: "done: 3 episodes" in nodes.log("simulator"), 90.0)
+    assert min(relay.counts.values()) > 50
+    assert_same(finish(nodes, path, 5), headless(5, informed=False))
+
+
+def test_a_demonstration_through_the_graph_is_the_shipped_one(nodes, tmp_path):
+    """Set 1 was made so: the recording is reproducible, sample by sample."""
+    path = tmp_path / "set_1"
+    nodes.start("simulator", "-p", "order:=sweep", "-p", "seed:=1")
+    nodes.start(
+        "demonstrator", "-p", "source:=scripted", "-p", "seed:=1", "-p", "episodes:=2",
+        "-p", f"record:={path}",
+    )  # fmt: skip
+    nodes.wait_for("demonstrator", "demonstration ended")
+    assert nodes.end("demonstrator")[0] == 0
+    shipped = bags.read_demonstration(find("demos", "pendulum", "set_1"), "pendulum", ("shaft",))
+    mine = bags.read_demonstration(path, "pendulum", ("shaft",))
+    assert len(mine.samples) == mine.card["samples"] == 600
+    a, b = (d.transitions(2) for d in (mine, replace(shipped, samples=shipped.samples[:600])))
+    for x, y in zip(a, b, strict=True):
+        assert x.action == y.action
+        np.testing.assert_allclose(x.next_state, y.next_state, atol=1e-9)

@@ -1,0 +1,400 @@
+"""Single nodes from outside: services, signals, bad input, sticks and clocks."""
+
+import array
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import spin_until
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from iolspi_ros import bags, qos, wire
+from iolspi_ros.core.online import Source
+from iolspi_ros.core.samples import Observation
+from iolspi_ros.nodes import runtime
+from iolspi_ros.resources import find
+
+SET_5 = find("demos", "pendulum", "set_5")
+CONFIG = find("config", "pendulum.yaml")
+UNINFORMED = ("-p", "informed:=false")
+
+
+class Peer:
+    """A node in this process that listens and talks."""
+
+    def __init__(self, rclpy):
+        self.node = rclpy.create_node("peer")
+        self.executor = runtime.executor()
+        self.executor.add_node(self.node)
+        self.heard = {}
+
+    def listen(self, topic, kind, profile=qos.CONTROL):
+        self.heard[topic] = []
+        self.node.create_subscription(kind, topic, self.heard[topic].append, profile)
+
+    def publisher(self, topic, kind, profile=qos.CONTROL):
+        return self.node.create_publisher(kind, topic, profile)
+
+    def until(self, ready, deadline=20.0):
+        spin_until(self.executor, ready, deadline)
+
+    def call(self, kind, name, request):
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def set(self, node, **values):
+        request = SetParameters.Request()
+        request.parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
+        return self.call(SetParameters, f"/{node}/set_parameters", request).results
+
+
+@pytest.fixture
+def peer(ros):
+    return Peer(ros)
+
+
+# ---------------------------------------------------------------- simulator
+
+
+def test_the_simulator_waits_repeats_and_moves_in_lockstep(nodes, peer):
+    peer.listen("state", JointState)
+    peer.listen("reward", Float64MultiArray)
+    peer.listen("/clock", Clock)
+    act = peer.publisher("action", Float64MultiArray)
+    nodes.start("simulator", "--params-file", str(CONFIG))
+    peer.until(lambda: len(peer.heard["state"]) >= 3)  # it repeats the same state
+    first = peer.heard["state"][0]
+    assert all(m == first for m in peer.heard["state"])
+    rows = wire.Rows("action", wire.ACTION)
+    for wrong in ((0, 1, 0, 0, 1, 0), (1, 0, 0, 0, 1, 0), (0, 0, 0, 0, 7, 0)):
+        act.publish(rows.message(*wrong))
+    act.publish(Float64MultiArray(data=array.array("d", [1.0])))
+    peer.until(lambda: "1 ignored" in nodes.log("simulator"))
+    act.publish(rows.message(0, 0, 0, 0, 2, Source.HUMAN))
+    peer.until(lambda: any(m.data[1] == 1.0 for m in peer.heard["reward"]))
+    last = peer.heard["reward"][-1].data
+    assert list(last[:2]) == [0.0, 1.0]
+    assert last[7] == 2.0
+    stamps = [m.clock.sec * 10**9 + m.clock.nanosec for m in peer.heard["/clock"]]
+    assert stamps == sorted(stamps)
+    assert nodes.end("simulator")[0] == 0
+
+
+def fly(peer, steps):
+    """Answer `steps` observations with no torque; the states seen, by key."""
+    rows, states, done = wire.Rows("action", wire.ACTION), {}, {"steps": 0}
+    act = peer.publisher("action", Float64MultiArray)
+    by_stamp = {}
+
+    def take_state(m):
+        by_stamp[m.header.stamp.sec, m.header.stamp.nanosec] = (m.position[0], m.velocity[0])
+
+    def take_reward(m):
+        stamp, key = (m.data[2], m.data[3]), (int(m.data[0]), int(m.data[1]))
+        if stamp not in by_stamp or key in states or done["steps"] >= steps:
+            return
+        states[key] = by_stamp[stamp]
+        done["steps"] += 1
+        act.publish(rows.message(*m.data[:4], 1, Source.HUMAN))
+
+    subscriptions = [
+        peer.node.create_subscription(JointState, "state", take_state, qos.CONTROL),
+        peer.node.create_subscription(Float64MultiArray, "reward", take_reward, qos.CONTROL),
+    ]
+    peer.until(lambda: done["steps"] >= steps)
+    for subscription in subscriptions:
+        peer.node.destroy_subscription(subscription)
+    return states
+
+
+def test_reset_takes_the_seed_and_pause_stops(nodes, peer):
+    nodes.start("simulator", "-p", "seed:=5")
+    first = fly(peer, 320)
+    assert all(result.successful for result in peer.set("simulator", seed=5))
+    answer = peer.call(Trigger, "/simulator/reset", Trigger.Request())
+    assert answer.success
+    assert "seed 5" in answer.message
+    second = fly(peer, 320)
+    episode = max(key[0] for key in first) + 1
+    assert [first[k] for k in sorted(first)] == [second[k] for k in sorted(second)]
+    assert min(key[0] for key in second) == episode  # episode numbers only grow
+    refused = peer.set("simulator", g=-1.0)[0]
+    assert not refused.successful
+    assert "g" in refused.reason
+    peer.call(SetBool, "/simulator/pause", SetBool.Request(data=True))
+    peer.listen("state", JointState)
+    end = time.monotonic() + 0.4
+    peer.until(lambda: time.monotonic() > end)
+    assert peer.heard["state"] == []
+    peer.call(SetBool, "/simulator/pause", SetBool.Request(data=False))
+    peer.until(lambda: peer.heard["state"])
+
+
+def test_in_real_time_nobody_is_waited_for(nodes, peer):
+    peer.listen("reward", Float64MultiArray)
+    nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=5.0")
+    peer.until(lambda: any(m.data[6] for m in peer.heard["reward"]))  # an episode ran out
+    actions = {m.data[7] for m in peer.heard["reward"] if m.data[1] > 0}
+    assert actions == {1.0}  # neutral all the way
+
+
+# ---------------------------------------------------------------- learner
+
+
+def test_learning_in_real_time_with_solves_beside(nodes, peer):
+    peer.listen("score", Float64MultiArray, qos.REPORTS)
+    peer.listen("update", Float64MultiArray, qos.REPORTS)
+    peer.listen("/diagnostics", DiagnosticArray, qos.REPORTS)
+    nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=2.0")
+    nodes.start(
+        "learner", *UNINFORMED, "-p", "background:=true", "-p", "update_interval:=100",
+        "-p", "delta:=1.0",
+    )  # fmt: skip
+    peer.until(lambda: len(peer.heard["score"]) >= 2 and len(peer.heard["update"]) >= 3)
+    rows = wire.Rows("update", wire.UPDATE)
+    updates = [dict(zip(wire.UPDATE, rows.read(m), strict=True)) for m in peer.heard["update"]]
+    first = updates[0]["number"]
+    assert [u["number"] for u in updates] == [first + k for k in range(len(updates))]
+    assert all(u["accepted"] and u["rank"] == 363 and u["residual"] < 1e-6 for u in updates)
+    assert all(u["epsilon"] == 0.2 and u["weights_norm"] > 0 for u in updates)
+    peer.until(lambda: peer.heard["/diagnostics"])
+    values = {v.key: v.value for v in peer.heard["/diagnostics"][-1].status[0].values}
+    assert values["phase"] == "learning"
+    assert nodes.end("learner", signal.SIGTERM)[0] == 0
+
+
+def test_learning_can_be_turned_off_saved_and_loaded(nodes, peer, tmp_path):
+    path = tmp_path / "c.npz"
+    peer.listen("action", Float64MultiArray)
+    peer.listen("score", Float64MultiArray, qos.REPORTS)
+    nodes.start("learner", *UNINFORMED, "-p", f"checkpoint:={path}", "-p", "epsilon:=1.0")
+    nodes.start("simulator")
+    peer.until(lambda: any(m.data[5] == Source.HOLD for m in peer.heard["action"]))
+    assert {m.data[5] for m in peer.heard["action"]} == {Source.EXPLORE, Source.HOLD}
+    assert peer.call(SetBool, "/learner/learn", SetBool.Request(data=False)).success
+    n = len(peer.heard["score"])
+    peer.until(lambda: len(peer.heard["score"]) >= n + 2)
+    episode = peer.heard["score"][-1].data[0]
+    sources = {m.data[5] for m in peer.heard["action"] if m.data[0] == episode}
+    assert sources == {Source.EXPLOIT, Source.HOLD}
+    assert peer.call(Trigger, "/learner/save", Trigger.Request()).success
+    assert path.is_file()
+    assert peer.call(Trigger, "/learner/load", Trigger.Request()).success
+    path.write_bytes(b"nonsense")
+    answer = peer.call(Trigger, "/learner/load", Trigger.Request())
+    assert not answer.success
+    assert "damaged" in answer.message
+    assert not peer.set("learner", epsilon=2.0)[0].successful
+    assert not peer.set("learner", gamma=1.0)[0].successful
+    assert not peer.set("learner", seed=4)[0].successful  # read-only
+    assert peer.set("learner", epsilon=0.5)[0].successful
+
+
+def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, peer):
+    peer.listen("action", Float64MultiArray)
+    peer.listen("/diagnostics", DiagnosticArray, qos.REPORTS)
+    state_out = peer.publisher("state", JointState)
+    reward_out = peer.publisher("reward", Float64MultiArray)
+    nodes.start("learner", *UNINFORMED)
+    peer.until(lambda: state_out.get_subscription_count() and reward_out.get_subscription_count())
+    rows = wire.RewardRows()
+    observations = [
+        Observation(0, 0, np.array([1.0, 0.0])),
+        Observation(0, 1, np.array([np.nan, 0.0]), -1.0, 2),
+        Observation(0, 2, np.array([1.0, 0.0]), np.inf, 0),
+        Observation(0, 3, np.array([1.0, 0.0]), -1.0, 0),
+    ]
+    for k, o in enumerate(observations):
+        stamp = (k + 1) * 5_000_000
+
+        def answered(k=k, o=o, stamp=stamp):
+            state_out.publish(wire.state_message(("shaft",), o.state, stamp))
+            reward_out.publish(rows.of(o, stamp))
+            return any(m.data[1] == k for m in peer.heard["action"])
+
+        peer.until(answered)
+    answers = {m.data[1]: (m.data[4], m.data[5]) for m in peer.heard["action"]}
+    assert answers[1] == (2.0, Source.HOLD)  # the action before goes on
+    assert answers[2][1] in (Source.EXPLOIT, Source.EXPLORE)
+
+    def counted():
+        values = [v for m in peer.heard["/diagnostics"] for v in m.status[0].values]
+        found = {v.key: v.value for v in values}
+        dropped = found.get("transitions dropped (not finite)")
+        return dropped == "2" and int(found["messages ignored"]) >= 2
+
+    peer.until(counted)
+
+
+def test_a_learner_interrupted_while_learning_offline_ends_soon_and_saves(nodes, tmp_path):
+    path = tmp_path / "c.npz"
+    nodes.start(
+        "learner", "-p", "centers:=[21, 21]", "-p", "chi:=0.0", "-p", "max_iterations:=100000",
+        "-p", f"checkpoint:={path}",
+    )  # fmt: skip
+    nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]")
+    nodes.wait_for("learner", "offline LSPI on 6300")
+    status, took = nodes.end("learner", signal.SIGINT)
+    assert (status, path.is_file()) == (0, True)
+    assert took < 2.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_waiting_nodes_end_at_once(nodes, number):
+    nodes.start("simulator")
+    nodes.start("learner")
+    nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]", "-p", "learner_timeout:=0.0",
+                "-r", "sample:=nobody/listens")  # fmt: skip
+    nodes.wait_for("demonstrator", "6300 samples")
+    for name in list(nodes.processes):
+        status, took = nodes.end(name, number)
+        assert status == 0, nodes.log(name)
+        assert took < 2.0
+        assert "Traceback" not in nodes.log(name)
+
+
+# ---------------------------------------------------------------- demonstrator
+
+
+def test_a_stick_makes_samples_of_a_person(nodes, peer, tmp_path):
+    peer.listen("sample", Float64MultiArray, qos.SAMPLES)
+    joy_out = peer.publisher("joy", Joy)
+    nodes.start("simulator")
+    nodes.start(
+        "demonstrator", "-p", "source:=joy", "-p", "episodes:=1", "-p", "joy_buttons:=[-1, 1]",
+        "-p", f"record:={tmp_path / 'bag'}", "-p", "joy_timeout:=60.0",
+    )  # fmt: skip
+    rows, sent = wire.SampleRows(("shaft",)), []
+
+    def steer():
+        left = len(peer.heard["sample"]) < 100
+        pressed = len(peer.heard["sample"]) >= 200
+        sent.append(Joy(axes=[1.0 if left else -1.0], buttons=[0, int(pressed)]))
+        joy_out.publish(sent[-1])
+        return len(peer.heard["sample"]) >= 300
+
+    peer.until(steer)
+    nodes.wait_for("demonstrator", "demonstration ended: 300 samples")
+    found = [rows.sample(m) for m in peer.heard["sample"]]
+    assert {s.source for s in found} == {Source.HUMAN}
+    assert {s.transition.action for s in found} >= {0, 2}
+    assert found[-1].transition.truncated
+    card = bags.read_card(tmp_path / "bag")
+    assert card["pilot"] == "a person with a joystick"
+
+
+def test_a_killed_demonstrator_leaves_what_it_recorded(nodes, peer, tmp_path):
+    peer.listen("sample", Float64MultiArray, qos.SAMPLES)
+    nodes.start("simulator")
+    nodes.start("demonstrator", "-p", "source:=scripted", "-p", f"record:={tmp_path / 'bag'}")
+    peer.until(lambda: len(peer.heard["sample"]) >= 500)
+    nodes.end("demonstrator", signal.SIGKILL)
+    found = bags.read_demonstration(tmp_path / "bag", "pendulum", ("shaft",))
+    assert len(found.samples) >= 500
+    assert "was not closed" in found.notes[0]
+
+
+def test_a_stopped_demonstrator_closes_its_bag(nodes, peer, tmp_path):
+    peer.listen("sample", Float64MultiArray, qos.SAMPLES)
+    nodes.start("simulator")
+    nodes.start("demonstrator", "-p", "source:=scripted", "-p", f"record:={tmp_path / 'bag'}")
+    peer.until(lambda: len(peer.heard["sample"]) >= 100)
+    status, took = nodes.end("demonstrator", signal.SIGTERM)
+    assert status == 0
+    assert took < 2.0
+    found = bags.read_demonstration(tmp_path / "bag", "pendulum", ("shaft",))
+    assert found.notes == []
+    assert found.card["samples"] == len(found.samples) >= 100
+
+
+def test_a_replay_can_keep_the_recorded_time(nodes, peer):
+    """31.6 s of vehicle time at twenty times the speed: never faster than that."""
+    peer.listen("sample", Float64MultiArray, qos.SAMPLES)
+    peer.listen("demonstration", Float64MultiArray, qos.LATCHED)
+    nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]", "-p", "rate:=20.0")
+    peer.until(lambda: peer.heard["sample"])
+    start = time.monotonic()
+    peer.until(lambda: len(peer.heard["sample"]) == 6300)
+    assert time.monotonic() - start > 1.4
+    peer.until(lambda: len(peer.heard["demonstration"]) == 2)
+    assert list(peer.heard["demonstration"][-1].data[-2:]) == [0.0, 6300.0]
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def yaml_file(folder, node, text):
+    path = folder / "bad.yaml"
+    path.write_text(f"{node}:\n  ros__parameters:\n    {text}\n")
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("node", "text", "words"),
+    [
+        ("simulator", "task: pendulm", "task is 'pendulm'; allowed: pendulum"),
+        ("simulator", "g: -9.81", "parameter g is -9.81; allowed: a double such as 1.0 from 0.0"),
+        ("simulator", "g: 10", "parameter g is 10; allowed: a double"),
+        ("simulator", "mode: sometimes", "mode is 'sometimes'; allowed: lockstep, realtime"),
+        ("simulator", "sensor_noise: [0.1, 0.2, 0.3]", "sensor_noise has 3 entries"),
+        ("learner", "gamma: 1.5", "parameter gamma is 1.5; allowed"),
+        ("learner", "gamma: 1.0", "gamma is 1.0; allowed: [0.0, 1.0)"),
+        ("learner", "update_interval: 0", "parameter update_interval is 0; allowed"),
+        ("learner", "update_interval: often", "update_interval is 'often'; allowed: an integer"),
+        ("learner", "centers: [0, 3]", "centers is 0; allowed: [1, inf]"),
+        ("learner", "centers: [3]", "allowed: one each per dimension"),
+        ("learner", "low: [9.0, 9.0]", "allowed: low < high"),
+        ("learner", "{resume: true, checkpoint: /nowhere/c.npz}", "/nowhere/c.npz does not exist"),
+        ("learner", "resume: true", "parameter checkpoint is empty"),
+        ("demonstrator", "bags: [/nowhere/bag]", "bag /nowhere/bag does not exist"),
+        ("demonstrator", "source: bag", "parameter bags is empty"),
+        ("demonstrator", "corruption: 1.1", "parameter corruption is 1.1; allowed"),
+        ("demonstrator", "source: scripted\n    simulator_timeout: 0.3", "no simulator: nothing"),
+        ("demonstrator", f"bags: [{SET_5}]\n    learner_timeout: 0.3", "nobody listens on"),
+        ("learner", "informed: false\n    simulator_timeout: 0.3", "no simulator: nothing on"),
+    ],
+)
+def test_bad_input_is_named_in_one_line_with_status_2(nodes, tmp_path, node, text, words):
+    status, said = nodes.finish(node, "--params-file", yaml_file(tmp_path, node, text))
+    assert words in said
+    assert (status, "Traceback" in said) == (2, False), said
+
+
+def test_a_parameter_file_that_is_none_is_named(nodes, tmp_path):
+    status, said = nodes.finish("simulator", "--params-file", str(tmp_path / "none.yaml"))
+    assert (status, "Traceback" in said) == (2, False), said
+    assert "none.yaml" in said
+    (tmp_path / "junk.yaml").write_text("]: [")
+    status, said = nodes.finish("simulator", "--params-file", str(tmp_path / "junk.yaml"))
+    assert (status, "Traceback" in said) == (2, False), said
+
+
+def test_a_misspelt_parameter_is_pointed_out(nodes):
+    nodes.start("learner", "-p", "epsilom:=0.5")
+    nodes.wait_for("learner", "parameter epsilom is not known here and does nothing; did you mean")
+
+
+def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(nodes, peer, tmp_path):
+    path = Path(tmp_path / "cut")
+    path.mkdir()
+    whole = next(SET_5.glob("*.mcap")).read_bytes()
+    (path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    peer.listen("demonstration", Float64MultiArray, qos.LATCHED)
+    nodes.start("demonstrator", "-p", f"bags:=[{path}]", "-p", "learner_timeout:=0.0")
+    nodes.wait_for("demonstrator", "was cut off: it was not closed, and its last")
+    nodes.start("learner")
+    nodes.wait_for("learner", "offline LSPI on")
+    samples = peer.heard["demonstration"]
+    peer.until(lambda: samples and samples[-1].data[4] == 0.0)
+    assert 500 < samples[-1].data[5] < 6300

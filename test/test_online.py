@@ -1,0 +1,217 @@
+import numpy as np
+import pytest
+
+from iolspi_ros.core import checkpoint
+from iolspi_ros.core.online import LearnerSettings, OnlineLSPI, Source
+from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.errors import InputError
+from iolspi_ros.experiments.headless import Listener, train
+from sim_nodes.tasks import Pendulum
+from sim_nodes.world import World, WorldSettings
+
+SMALL = LearnerSettings(centers=(4, 3), update_interval=50, delta=0.1)
+
+
+def learner(seed=0, **changes):
+    values = {"centers": (4, 3), "update_interval": 50, "delta": 0.1} | changes
+    return OnlineLSPI(LearnerSettings(**values), np.random.default_rng([seed, 1]))
+
+
+def world(seed=0):
+    return World(Pendulum(), WorldSettings(), np.random.default_rng([seed, 0]))
+
+
+def algorithm_2(start, transitions, features, s):
+    """T Algorithm 2, lines 7 to 12, sample by sample with dense φ(s, a)."""
+    n = s.n_actions * features.size
+
+    def dense(state, action):
+        out = np.zeros(n)
+        out[action * features.size : (action + 1) * features.size] = features(state)
+        return out
+
+    weights = start.ravel().copy()
+    gram, cross, vector = s.delta * np.eye(n), np.zeros((n, n)), np.zeros(n)
+    for k, t in enumerate(transitions):
+        q = [dense(t.next_state, a) @ weights for a in range(s.n_actions)]
+        here, there = dense(t.state, t.action), dense(t.next_state, int(np.argmax(q)))
+        if t.terminated:
+            there = np.zeros(n)
+        gram = s.forget_factor * gram + np.outer(here, here)
+        cross = s.forget_factor * cross + np.outer(here, there)
+        vector = s.forget_factor * vector + here * t.reward
+        if (k + 1) % s.update_interval == 0:
+            scale = 1.0 / (k + 1)
+            weights = np.linalg.solve(scale * gram - s.gamma * scale * cross, scale * vector)
+    return weights.reshape(s.n_actions, -1)
+
+
+@pytest.mark.parametrize("forget_factor", [1.0, 0.99])
+def test_it_is_algorithm_2(forget_factor):
+    core = learner(forget_factor=forget_factor, width=0.7)
+    start = core.weights.copy()
+    seen = []
+    observe = core.observe
+
+    def keep(t):
+        ended = t._replace(terminated=len(seen) % 97 == 96)
+        seen.append(ended)
+        return observe(ended)
+
+    core.observe = keep
+    train(world(), core, 3, Listener())
+    assert core.updates == 18
+    expected = algorithm_2(start, seen, core.features, core.settings)
+    np.testing.assert_allclose(core.weights, expected, rtol=1e-6)
+
+
+def test_exploration_decays_as_in_eq_14():
+    core = learner(epsilon=0.8, epsilon_decay=0.5, epsilon_min=0.1)
+    assert core.epsilon == 0.8
+    core.step = 200  # one second
+    assert core.epsilon == pytest.approx(0.4)
+    core.step = 10**6
+    assert core.epsilon == 0.1
+
+
+def test_epsilon_is_the_share_of_exploring_actions():
+    core = learner(epsilon=0.3)
+    sources = [core.act(np.zeros(2))[1] for _ in range(4000)]
+    assert abs(np.mean([s is Source.EXPLORE for s in sources]) - 0.3) < 0.04
+    assert {core.act(np.zeros(2), explore=False)[1] for _ in range(50)} == {Source.EXPLOIT}
+
+
+def demonstration(n=400):
+    rng = np.random.default_rng(7)
+    task = Pendulum()
+    states = rng.uniform(task.low, task.high, (n, 2))
+    actions = rng.integers(3, size=n)
+    following, reward, ended = task.step(states, actions)
+    return Transitions(states, actions, reward, following, ended, ended)
+
+
+def test_informed_it_goes_on_from_the_weights_and_the_matrices():
+    core = learner(update_interval=10)
+    result = core.inform(demonstration())
+    np.testing.assert_array_equal(core.weights, result.solve.weights)
+    assert core.moments is result.moments
+    assert core.moments.n_samples == 400
+    state = np.array([1.0, 2.0])
+    for _ in range(10):
+        core.observe(Transition(state, 0, -1.0, state))
+    update = core.update()
+    assert update.moments.n_samples == 410
+    phi = core.features(state)
+    np.testing.assert_allclose(
+        update.moments.gram[0], result.moments.gram[0] + 10 * np.outer(phi, phi)
+    )
+
+
+def test_numbers_that_are_none_are_dropped_and_counted():
+    core = learner()
+    fine = np.zeros(2)
+    core.observe(Transition(fine, 0, float("nan"), fine))
+    core.observe(Transition(np.array([np.inf, 0.0]), 0, 1.0, fine))
+    core.observe(Transition(fine, 0, 1.0, np.array([0.0, np.nan])))
+    core.observe(Transition(fine, 3, 1.0, fine))
+    assert (core.step, core.dropped) == (0, 4)
+    broken = demonstration()
+    broken.reward[5] = np.nan
+    core.inform(broken)
+    assert core.dropped == 5
+    assert np.isfinite(core.weights).all()
+
+
+def test_a_demonstration_of_nothing_is_refused():
+    broken = demonstration(3)
+    broken.reward[:] = np.nan
+    with pytest.raises(InputError, match="none of 3"):
+        learner().inform(broken)
+
+
+def test_an_unhealthy_solve_keeps_the_weights():
+    core = learner(delta=0.0, update_interval=5)
+    before = core.weights.copy()
+    state = np.array([1.0, 2.0])
+    for _ in range(5):
+        core.observe(Transition(state, 0, -1.0, state))
+    update = core.update()
+    assert (update.accepted, update.solve.status) == (False, "singular")
+    np.testing.assert_array_equal(core.weights, before)
+
+
+def test_solving_beside_the_control_thread_gives_the_same():
+    cores = [learner(), learner()]
+    inline, beside = cores
+    for core in cores:
+        core.inform(demonstration())
+        for k in range(50):
+            core.observe(next(iter(demonstration()[k : k + 1])))
+    inline.update()
+    compute = beside.begin_update()
+    beside.observe(next(iter(demonstration())))  # goes into the next batch
+    beside.finish_update(compute())
+    np.testing.assert_array_equal(inline.weights, beside.weights)
+
+
+def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
+    straight, before, after = learner(), learner(), learner(seed=9)
+    worlds = world(), world()
+    train(worlds[0], straight, 4, Listener())
+    train(worlds[1], before, 2, Listener())  # 600 steps: in the middle of nothing
+    before.observe(Transition(np.zeros(2), 1, -1.0, np.ones(2)))
+    straight_twin = learner()
+    checkpoint.save(tmp_path / "a" / "c.npz", before, "pendulum")
+    checkpoint.load(tmp_path / "a" / "c.npz", after, "pendulum")
+    for name in ("weights", "step", "updates"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+    train(world(5), before, 2, Listener())
+    train(world(5), after, 2, Listener())
+    np.testing.assert_array_equal(after.weights, before.weights)
+    assert not (straight_twin.weights == straight.weights).all()
+
+
+@pytest.mark.parametrize("cut", [0, 100, -50])
+def test_a_damaged_checkpoint_says_so(tmp_path, cut):
+    path = tmp_path / "c.npz"
+    checkpoint.save(path, learner(), "pendulum")
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(InputError, match="damaged"):
+        checkpoint.load(path, learner(), "pendulum")
+
+
+def test_a_checkpoint_of_something_else_is_refused(tmp_path):
+    path = tmp_path / "c.npz"
+    with pytest.raises(InputError, match="does not exist"):
+        checkpoint.load(path, learner(), "pendulum")
+    checkpoint.save(path, learner(), "pendulum")
+    with pytest.raises(InputError, match="is of task 'pendulum'; allowed: 'slung_load'"):
+        checkpoint.load(path, learner(), "slung_load")
+    with pytest.raises(InputError, match="centers"):
+        checkpoint.load(path, learner(centers=(3, 4)), "pendulum")
+
+
+def test_a_save_that_fails_leaves_the_one_before(tmp_path, monkeypatch):
+    path = tmp_path / "c.npz"
+    checkpoint.save(path, learner(), "pendulum")
+    before = path.read_bytes()
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(InputError, match="No space left"):
+        checkpoint.save(path, learner(3), "pendulum")
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["c.npz"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("gamma", 1.0), ("gamma", -0.1), ("forget_factor", 0.0), ("forget_factor", 1.1),
+     ("update_interval", 0), ("epsilon", 1.5), ("width", 0.0), ("delta", float("nan")),
+     ("scaling", "none"), ("centers", (0, 3))],
+)  # fmt: skip
+def test_settings_out_of_range_name_field_and_value(field, value):
+    with pytest.raises(InputError, match=f"{field}.* is"):
+        LearnerSettings(**{field: value})
