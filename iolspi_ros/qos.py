@@ -3,13 +3,16 @@
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 CONTROL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-"""state, reward, action, joy, /clock: only what is fresh matters."""
+"""Who listens to state, reward, action or joy to act on them: only what is fresh matters."""
 
 SAMPLES = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 """sample: none may be lost, so a fast writer waits for a slow reader."""
 
-REPORTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""score, update, weights, /diagnostics: for plots and records."""
+OUTGOING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Who publishes any of those, and all reports: a slow recorder can still catch up."""
+
+RECORDING = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
+"""Who listens to keep everything."""
 
 LATCHED = QoSProfile(
     depth=1,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -55,9 +56,9 @@ class Simulator(Node):
         parameters.warn_unknown(self)
         self._action_rows = wire.Rows("action", wire.ACTION)
         self._reward_rows = wire.RewardRows()
-        self._state_out = self.create_publisher(JointState, "state", qos.CONTROL)
-        self._reward_out = self.create_publisher(Float64MultiArray, "reward", qos.CONTROL)
-        self._clock_out = self.create_publisher(Clock, "/clock", qos.CONTROL)
+        self._state_out = self.create_publisher(JointState, "state", qos.OUTGOING)
+        self._reward_out = self.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
+        self._clock_out = self.create_publisher(Clock, "/clock", qos.OUTGOING)
         self._ticks = 0
         self._episode = -1
         self._paused = False
@@ -67,7 +68,7 @@ class Simulator(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
         if self.settings.mode == "lockstep":
-            self._resend = runtime.wall_timer(self, self.settings.resend_after, self._publish)
+            runtime.wall_timer(self, self.settings.resend_after, self._repeat)
         else:
             period = self.world.task.dt / self.settings.real_time_factor
             runtime.wall_timer(self, period, self._tick)
@@ -86,12 +87,13 @@ class Simulator(Node):
         self._stamp_step = round(task.dt * wire.NANOSECONDS)
         self._begun = 0
         self._done = False
+        self._first = time.monotonic()  # of the first step
         self._begin()
 
     def _begin(self) -> None:
         if self.settings.episodes and self._begun >= self.settings.episodes:
             if not self._done:
-                self.get_logger().info(f"done: {self._begun} episodes")
+                self.get_logger().info(f"done: {self._begun} episodes{self._pace()}")
             self._done = True
             return
         self._begun += 1
@@ -100,7 +102,13 @@ class Simulator(Node):
         self._answered = -1
         self._show(self.world.begin(self._episode))
 
+    def _pace(self) -> str:
+        took, steps = time.monotonic() - self._first, self.world.vehicle_steps
+        return f", {steps} steps in {took:.3f} s, {steps / took:.1f} steps/s"
+
     def _advance(self, action: int) -> None:
+        if self.world.vehicle_steps == 0:
+            self._first = time.monotonic()
         if self._observation.last:
             self._begin()
         else:
@@ -119,6 +127,10 @@ class Simulator(Node):
         )
         self._publish()
 
+    def _repeat(self) -> None:
+        if time.monotonic() - self._published > 0.9 * self.settings.resend_after:
+            self._publish()
+
     def _publish(self) -> None:
         if self._paused or self._done:
             return
@@ -126,6 +138,7 @@ class Simulator(Node):
         self._state_out.publish(state)
         self._reward_out.publish(reward)
         self._clock_out.publish(clock)  # last: whoever answers is at work already
+        self._published = time.monotonic()
 
     # ------------------------------------------------------------ what comes in
 
@@ -147,7 +160,6 @@ class Simulator(Node):
             return
         if self.settings.mode == "lockstep":
             if step == self._observation.step:
-                self._resend.reset()
                 self._advance(action)
         elif self._answered < step <= self._observation.step:
             self._answered, self._action = int(step), action

@@ -153,9 +153,9 @@ def test_in_real_time_nobody_is_waited_for(nodes, peer):
 
 
 def test_learning_in_real_time_with_solves_beside(nodes, peer):
-    peer.listen("score", Float64MultiArray, qos.REPORTS)
-    peer.listen("update", Float64MultiArray, qos.REPORTS)
-    peer.listen("/diagnostics", DiagnosticArray, qos.REPORTS)
+    peer.listen("score", Float64MultiArray, qos.OUTGOING)
+    peer.listen("update", Float64MultiArray, qos.OUTGOING)
+    peer.listen("/diagnostics", DiagnosticArray, qos.OUTGOING)
     nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=2.0")
     nodes.start(
         "learner", *UNINFORMED, "-p", "background:=true", "-p", "update_interval:=100",
@@ -177,7 +177,7 @@ def test_learning_in_real_time_with_solves_beside(nodes, peer):
 def test_learning_can_be_turned_off_saved_and_loaded(nodes, peer, tmp_path):
     path = tmp_path / "c.npz"
     peer.listen("action", Float64MultiArray)
-    peer.listen("score", Float64MultiArray, qos.REPORTS)
+    peer.listen("score", Float64MultiArray, qos.OUTGOING)
     nodes.start("learner", *UNINFORMED, "-p", f"checkpoint:={path}", "-p", "epsilon:=1.0")
     nodes.start("simulator")
     peer.until(lambda: any(m.data[5] == Source.HOLD for m in peer.heard["action"]))
@@ -187,7 +187,7 @@ def test_learning_can_be_turned_off_saved_and_loaded(nodes, peer, tmp_path):
     peer.until(lambda: len(peer.heard["score"]) >= n + 2)
     episode = peer.heard["score"][-1].data[0]
     sources = {m.data[5] for m in peer.heard["action"] if m.data[0] == episode}
-    assert sources == {Source.EXPLOIT, Source.HOLD}
+    assert sources - {Source.HOLD} == {Source.EXPLOIT}
     assert peer.call(Trigger, "/learner/save", Trigger.Request()).success
     assert path.is_file()
     assert peer.call(Trigger, "/learner/load", Trigger.Request()).success
@@ -203,7 +203,7 @@ def test_learning_can_be_turned_off_saved_and_loaded(nodes, peer, tmp_path):
 
 def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, peer):
     peer.listen("action", Float64MultiArray)
-    peer.listen("/diagnostics", DiagnosticArray, qos.REPORTS)
+    peer.listen("/diagnostics", DiagnosticArray, qos.OUTGOING)
     state_out = peer.publisher("state", JointState)
     reward_out = peer.publisher("reward", Float64MultiArray)
     nodes.start("learner", *UNINFORMED)

@@ -116,11 +116,12 @@ def _watch(
         monitor.set_parameters("simulator", order="sweep", episodes=SHOWN)
         monitor.trigger("/simulator/reset")
         follow("showing [episodes]", SHOWN, lambda: len(monitor.scores) - episodes, 60.0)
-        total = episodes + SHOWN
-        monitor.wait(lambda: len(monitor.episodes) >= total, 10.0, "the last episode")
+        settled = time.monotonic() + 0.5  # a score may overtake the last states
+        monitor.wait(lambda: time.monotonic() > settled, 5.0, "the last states")
         return monitor.history(episodes), {
             "lockstep_steps_per_second": round(pace, 1),
             "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+            "observations_missed_by_recorder": monitor.missed,
             "rmw": get_rmw_implementation_identifier(),
         }
 
@@ -149,7 +150,8 @@ def _report(
         policy = near_optimal_policy(vehicle)
         best = evaluate(vehicle, policy)
         summary = report.summarise(vehicle, features, history, best)
-        shown = np.stack([np.array(states) for states in history.shown], axis=1)
+        whole = [states for states in history.shown if len(states) == vehicle.episode_steps + 1]
+        shown = np.stack([np.array(states) for states in whole], axis=1)
         summary |= {
             "demonstration_set": demonstration,
             "shown_upright_fraction": float(vehicle.succeeded(shown).mean()),

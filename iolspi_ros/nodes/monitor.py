@@ -8,17 +8,17 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from iolspi_ros import wire
+from iolspi_ros import qos, wire
 from iolspi_ros.bags import BagWriter
 from iolspi_ros.core.samples import Array, Observation
 from iolspi_ros.errors import InputError
@@ -27,11 +27,9 @@ from iolspi_ros.nodes import runtime
 from iolspi_ros.pairing import Pairer
 from sim_nodes.tasks.base import Task
 
-_LISTENING = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
-
 
 class Monitor(Node):
-    """Records state, reward, action, sample, score, update and weights.
+    """Records state, reward, action, sample, the learner's reports and /diagnostics.
 
     Parameters
     ----------
@@ -45,6 +43,8 @@ class Monitor(Node):
         self.demonstrated: list[Array] = []
         self.episodes: list[list[Array]] = []
         self.scores: list[float] = []
+        self._offline = ""
+        self.missed = 0  # observations that did not reach this recorder
         self._dt = task.dt
         self._bag = bag
         self._stamp = 0
@@ -65,6 +65,7 @@ class Monitor(Node):
         self._listen("score", Float64MultiArray, self._on_score)
         self._listen("update", Float64MultiArray, self._on_update)
         self._listen("weights", Float64MultiArray, self._on_weights)
+        self._listen("/diagnostics", DiagnosticArray, self._on_diagnostics)
 
     def wait(self, ready: Callable[[], bool], deadline: float, what: str) -> None:
         """Handle events until `ready`.
@@ -150,6 +151,7 @@ class Monitor(Node):
             scores=self.scores[:learned],
             policies=policies,
             shown=self.episodes[learned:],
+            offline=self._offline,
         )
 
     def _listen(self, topic: str, kind: Any, handle: Callable[[Any], None]) -> None:
@@ -161,7 +163,7 @@ class Monitor(Node):
             if self._bag is not None:
                 self._bag.write(topic, name, self._stamp, data)
 
-        self.create_subscription(kind, topic, receive, _LISTENING, raw=True)
+        self.create_subscription(kind, topic, receive, qos.RECORDING, raw=True)
 
     def _on_state(self, message: Any) -> None:
         self._note(self._pairer.state(message))
@@ -179,9 +181,9 @@ class Monitor(Node):
         self._newest = key
         if observation.step == 0:
             self._states = []
-        self._states.append(observation.state)
-        if observation.last:
             self.episodes.append(self._states)
+        self.missed += observation.step - len(self._states)
+        self._states += [observation.state] * (observation.step - len(self._states) + 1)
 
     def _on_sample(self, message: Any) -> None:
         self.demonstrated.append(self._samples.sample(message).transition.state)
@@ -192,6 +194,10 @@ class Monitor(Node):
     def _on_update(self, message: Any) -> None:
         row = dict(zip(wire.UPDATE, self._update_rows.read(message), strict=True))
         self._updates[int(row["number"])] = (row["accepted"], row["condition"], row["samples"])
+
+    def _on_diagnostics(self, message: Any) -> None:
+        values = {pair.key: pair.value for status in message.status for pair in status.values}
+        self._offline = values.get("offline LSPI", self._offline)
 
     def _on_weights(self, message: Any) -> None:
         weights, number = wire.read_weights(message)

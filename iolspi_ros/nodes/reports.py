@@ -28,10 +28,10 @@ class Reports:
         self._core = core
         self._score_rows = wire.Rows("score", wire.SCORE)
         self._update_rows = wire.Rows("update", wire.UPDATE)
-        self._score_out = node.create_publisher(Float64MultiArray, "score", qos.REPORTS)
-        self._update_out = node.create_publisher(Float64MultiArray, "update", qos.REPORTS)
-        self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.REPORTS)
-        self._diagnostics_out = node.create_publisher(DiagnosticArray, "/diagnostics", qos.REPORTS)
+        self._score_out = node.create_publisher(Float64MultiArray, "score", qos.OUTGOING)
+        self._update_out = node.create_publisher(Float64MultiArray, "update", qos.OUTGOING)
+        self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.OUTGOING)
+        self._diagnostics_out = node.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
         self._solve: Solve | None = None
         self._kept = 0
         self._stop = "none"

@@ -55,7 +55,7 @@ class Seat:
         self._node, self._occupant, self._timeout = node, occupant, simulator_timeout
         self._pairer = Pairer(joints)
         self._rows = wire.Rows("action", wire.ACTION)
-        self._out = node.create_publisher(Float64MultiArray, "action", qos.CONTROL)
+        self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
         self._newest = (-1, -1)
         self._answer: Any = None
         self._heard = False

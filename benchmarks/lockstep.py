@@ -1,0 +1,132 @@
+"""Lockstep steps per second of simulator and learner, against bare rclpy.
+
+Two processes each, in turns in one run: our simulator and learner; and a bare ping-pong of the
+same messages (state, reward and clock one way, action the other) on the same executor, which
+computes nothing. docs/benchmarks.md keeps what this prints.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from iolspi_ros import graph
+
+STEPS = 12_000
+ROUNDS = 5
+
+
+def messages() -> tuple[Any, Any, Any, Any]:
+    """The four messages of a step, as the nodes send them."""
+    import numpy as np
+    from rosgraph_msgs.msg import Clock
+
+    from iolspi_ros import wire
+    from iolspi_ros.core.samples import Observation
+
+    observation = Observation(0, 1, np.array([1.0, 2.0]), -3.0, 1)
+    state = wire.state_message(("shaft",), observation.state, 5_000_000)
+    reward = wire.RewardRows().of(observation, 5_000_000)
+    action = wire.Rows("action", wire.ACTION).message(0, 1, 0, 5_000_000, 1, 0)
+    return state, reward, Clock(), action
+
+
+def play(role: str) -> None:
+    """One side of the ping-pong."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    from iolspi_ros import qos
+    from iolspi_ros.nodes import runtime
+
+    rclpy.init()
+    node, loop = rclpy.create_node(role), runtime.executor()
+    loop.add_node(node)
+    state, reward, clock, action = messages()
+    if role == "pong":
+        answer = node.create_publisher(type(action), "action", qos.OUTGOING)
+
+        def reply(message: Any) -> None:
+            action.data[1] = message.data[1]
+            answer.publish(action)
+
+        node.create_subscription(type(state), "state", lambda m: None, qos.CONTROL)
+        node.create_subscription(type(reward), "reward", reply, qos.CONTROL)
+        with contextlib.suppress(ExternalShutdownException):
+            while rclpy.ok():
+                loop.spin_once(timeout_sec=0.25)
+        return
+    outs = [
+        (node.create_publisher(type(m), topic, qos.OUTGOING), m)
+        for topic, m in (("state", state), ("reward", reward), ("/clock", clock))
+    ]
+    count, begin = 0, 0.0
+
+    def send() -> None:
+        reward.data[1] = count
+        for out, message in outs:
+            out.publish(message)
+
+    def step(message: Any) -> None:
+        nonlocal count, begin
+        if message.data[1] != count:
+            return  # one exchange at a time
+        begin = begin or time.monotonic()
+        count += 1
+        send()
+
+    node.create_subscription(type(action), "action", step, qos.CONTROL)
+    while not count:
+        send()
+        loop.spin_once(timeout_sec=0.2)
+    while count < STEPS:
+        loop.spin_once(timeout_sec=0.25)
+    print(count / (time.monotonic() - begin))
+    rclpy.try_shutdown()
+
+
+def ping_pong() -> float:
+    """Steps per second of the bare exchange."""
+    me = [sys.executable, __file__]
+    pong = subprocess.Popen([*me, "pong"])
+    try:
+        result = subprocess.run([*me, "ping"], capture_output=True, text=True, check=True)
+    finally:
+        pong.terminate()
+        pong.wait()
+    return float(result.stdout)
+
+
+def ours() -> float:
+    """Steps per second of simulator and learner."""
+    with tempfile.TemporaryDirectory() as folder, graph.Graph(Path(folder)) as nodes:
+        nodes.start("learner", {"informed": False, "delta": 1.0, "simulator_timeout": 60.0})
+        nodes.start("simulator", {"episodes": STEPS // 300})
+        log = Path(folder) / "simulator.log"
+        while not (found := re.search(r"([\d.]+) steps/s", log.read_text())):
+            nodes.check()
+            time.sleep(0.2)
+        return float(found[1])
+
+
+def main() -> None:
+    """Measure in turns, and print medians and their ratio."""
+    print(f"domain {graph.isolate()}, {os.cpu_count()} cores, {STEPS} steps a run")
+    rounds = [(ping_pong(), ours()) for _ in range(ROUNDS)]
+    for bare, full in rounds:
+        print(f"bare {bare:7.0f} steps/s   ours {full:7.0f} steps/s   ratio {full / bare:.2f}")
+    bare, full = (statistics.median(column) for column in zip(*rounds, strict=True))
+    ratio = statistics.median(full / bare for bare, full in rounds)
+    print(f"median: bare {bare:.0f}, ours {full:.0f} steps/s; ratio {ratio:.2f} (goal 0.6)")
+
+
+if __name__ == "__main__":
+    main() if len(sys.argv) == 1 else play(sys.argv[1])
