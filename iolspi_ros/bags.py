@@ -132,9 +132,9 @@ class BagWriter:
         self._span = [*self._span[:1], time] if self._span else [time, time]
 
     def _add_channel(self, topic: str, kind: str) -> None:
-        definition, digest = _types().generate_msgdef(kind, ros_version=2)
+        definition, _ = _types().generate_msgdef(kind, ros_version=2)
         schema = self._mcap.register_schema(kind, "ros2msg", definition.encode())
-        about = {"offered_qos_profiles": "", "topic_type_hash": digest}
+        about = {"offered_qos_profiles": "", "topic_type_hash": _types().hash_rihs01(kind)}
         channel = self._mcap.register_channel(topic, "cdr", schema, about)
         self._channels[topic], self._counts[topic] = (channel, kind), 0
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 
@@ -18,7 +19,7 @@ def generate_launch_description() -> LaunchDescription:
     config = str(share / "config" / "pendulum.yaml")
     mode, seed = LaunchConfiguration("mode"), LaunchConfiguration("seed")
     number = LaunchConfiguration("demonstration")
-    bag = PathJoinSubstitution([str(share / "demos" / "pendulum"), ["set_", number]])
+    bag = [str(share / "demos" / "pendulum" / "set_"), number]
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -46,7 +47,9 @@ def generate_launch_description() -> LaunchDescription:
                     config,
                     {
                         "seed": seed,
-                        "checkpoint": LaunchConfiguration("checkpoint"),
+                        "checkpoint": ParameterValue(
+                            LaunchConfiguration("checkpoint"), value_type=str
+                        ),
                         "background": PythonExpression(["'", mode, "' == 'realtime'"]),
                     },
                 ],

@@ -132,7 +132,7 @@ class Simulator(Node):
             self._publish()
 
     def _publish(self) -> None:
-        if self._paused or self._done:
+        if self._paused or self._done or not self.context.ok():
             return
         clock, state, reward = self._messages
         self._state_out.publish(state)

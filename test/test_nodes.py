@@ -264,7 +264,38 @@ def test_waiting_nodes_end_at_once(nodes, number):
         assert "Traceback" not in nodes.log(name)
 
 
+@pytest.mark.parametrize("delay", [0.3, 0.6, 0.9, 1.2])
+def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
+    """As `ros2 launch` sends them: to the process group, and once more itself."""
+    nodes.start("simulator")
+    nodes.start("learner", *UNINFORMED)
+    nodes.wait_for("learner", "")
+    time.sleep(delay)  # not a wait for anything: the moment is what is tried
+    for process in nodes.processes.values():
+        process.send_signal(signal.SIGINT)
+    for name in list(nodes.processes):
+        status, took = nodes.end(name, signal.SIGINT)
+        said = nodes.log(name)
+        assert took < 2.0
+        imported = "Traceback" not in said or "importlib" in said  # before our first line
+        assert imported, said
+        assert status == 0 or "importlib" in said, (status, said)
+
+
 # ---------------------------------------------------------------- demonstrator
+
+
+def test_a_stopped_learner_makes_the_demonstrator_wait_and_nothing_is_lost(nodes):
+    learner = nodes.start("learner", "-p", "simulator_timeout:=0.0")
+    nodes.start("demonstrator", "-p", f"bags:=[{SET_5}, {SET_5}]")
+    nodes.wait_for("demonstrator", "6300 samples")
+    learner.send_signal(signal.SIGSTOP)
+    try:
+        time.sleep(3.0)  # far longer than DDS itself would wait
+    finally:
+        learner.send_signal(signal.SIGCONT)
+    nodes.wait_for("learner", "offline LSPI on 12600 demonstrated samples")
+    assert "lost" not in nodes.log("learner")
 
 
 def test_a_stick_makes_samples_of_a_person(nodes, peer, tmp_path):

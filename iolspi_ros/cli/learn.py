@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -19,13 +19,13 @@ from iolspi_ros.errors import InputError, check_range
 def learn(
     task: Annotated[str, typer.Option(help="The task to learn.")] = "pendulum",
     demos: Annotated[
-        list[Path] | None,
+        Optional[list[Path]],
         typer.Option(help="Bag to learn from first; give it again for more bags."),
     ] = None,
     seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
     seed: Annotated[int, typer.Option(help="Of the vehicle and the learner.")] = 0,
     config: Annotated[
-        Path | None, typer.Option(help="Parameter file; config/TASK.yaml by default.")
+        Optional[Path], typer.Option(help="Parameter file; config/TASK.yaml by default.")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the policy and the report.")] = Path(
         "out/learn"

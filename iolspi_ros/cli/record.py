@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -23,7 +23,7 @@ def record(
     mode: Annotated[str, typer.Option(help="perform or explore.")] = "perform",
     corruption: Annotated[float, typer.Option(help="Probability of a random action.")] = 0.0,
     demonstration: Annotated[
-        int | None, typer.Option("--set", help="Mode and corruption of T's set 1 to 5 instead.")
+        Optional[int], typer.Option("--set", help="Mode and corruption of T's set 1 to 5 instead.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the pilot and the simulator.")] = 0,
 ) -> None:

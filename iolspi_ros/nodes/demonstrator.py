@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
@@ -60,7 +63,9 @@ class Demonstrator(Node):
         )
         self._sent = 0
         self._last = (0, 0, 0)  # episode, step and stamp of the last sample
+        self._waiting: deque[Any] = deque()
         self._bag: bags.BagWriter | None = None
+        runtime.wall_timer(self, 0.05, self.flush)
         if self.settings.source == "bag":
             self._origin = PILOTS["bag"] + ", ".join(player.bags)
             self._player = Player(self, player)
@@ -81,12 +86,25 @@ class Demonstrator(Node):
         self.close()
 
     def send(self, sample: Sample) -> None:
-        """Publish one transition, and record it."""
+        """Record one transition, and publish it as soon as the listeners keep up."""
         message = self._rows.of(sample)
-        self._sample_out.publish(message)
         self.record("sample", sample.stamp, message)
+        self._waiting.append(message)
+        self.flush()
         self._sent += 1
         self._last = (sample.episode, sample.step, sample.stamp)
+
+    def flush(self) -> bool:
+        """Publish what waits; False when a slow listener made some of it wait longer."""
+        while self._waiting:
+            try:
+                self._sample_out.publish(self._waiting[0])
+            except RCLError:
+                if rclpy.ok():  # the writer's queue stayed full for as long as DDS blocks
+                    return False
+                raise
+            self._waiting.popleft()
+        return True
 
     def record(self, topic: str, stamp: int, message: Any) -> None:
         """Write a message to the bag, if one is being recorded."""

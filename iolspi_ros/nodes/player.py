@@ -64,6 +64,8 @@ class Player:
                 return
             self._node.begin()
             self._start = time.monotonic()
+        if not self._node.flush():
+            return
         until = min(self._next + SLICE, len(self._samples))
         while self._next < until and self._due(self._samples[self._next]):
             self._node.send(self._samples[self._next])

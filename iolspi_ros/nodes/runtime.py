@@ -13,6 +13,7 @@ import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.timer import Timer
@@ -39,7 +40,7 @@ def executor() -> Executor:
     return EventsExecutor()
 
 
-def wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """A timer on the machine's steady clock, whatever the graph's clock does; period in s."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -62,15 +63,29 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
         Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
     """
     node: Node | None = None
+    begun = False
+
+    def interrupt(*_: object) -> None:
+        # rclpy's own handler, which calls this one, shuts the context down and so ends the
+        # loop; an exception from here would land anywhere, also in the executor's C++.
+        if node is None:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
     try:
         rclpy.init(args=args)
+        begun = True
         node = make()
         spin(node)
+    except KeyboardInterrupt:
         return 0
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 2
-    except RCLError as error:  # a parameter file that is missing or is no YAML
+    except (RCLError, NotInitializedException, InvalidHandle) as error:
+        if begun and not rclpy.ok():  # a signal came while the node was being made
+            return 0
+        # A parameter file that is missing or is no YAML.
         print(f"{name}: {_first_line(error)}", file=sys.stderr)
         return 2
     finally:
@@ -80,6 +95,7 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
         if node is not None:
             _put_away(node, name)
         rclpy.try_shutdown()
+    return 0
 
 
 def spin(node: Node) -> None:
@@ -91,7 +107,7 @@ def spin(node: Node) -> None:
     try:
         while rclpy.ok():
             loop.spin_once(timeout_sec=0.25)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except RCLError:
         if rclpy.ok():  # else a signal came while a callback was publishing

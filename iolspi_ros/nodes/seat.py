@@ -81,10 +81,6 @@ class Seat:
         self.invalid += 1
         self._node.get_logger().warning(f"ignored: {why}", throttle_duration_sec=5.0)
 
-    def answer_message(self) -> Any:
-        """The last answer, as it was published."""
-        return self._answer
-
     def _receiver(self, pair: Callable[[Any], Observation | None]) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
             try:
@@ -93,7 +89,7 @@ class Seat:
                 self.ignore(str(error))
                 return
             self._heard = True
-            if observation is not None and self.taken:
+            if observation is not None and self.taken and self._node.context.ok():
                 self._respond(observation)
 
         return receive
