@@ -32,9 +32,9 @@ def messages() -> tuple[Any, Any, Any, Any]:
     from iolspi_ros import wire
     from iolspi_ros.core.samples import Observation
 
-    observation = Observation(0, 1, np.array([1.0, 2.0]), -3.0, 1)
+    observation = Observation(0, 1, np.array([1.0, 2.0]), -3.0, 1, stamp=5_000_000)
     state = wire.state_message(("shaft",), observation.state, 5_000_000)
-    reward = wire.RewardRows().of(observation, 5_000_000)
+    reward = wire.RewardRows().of(observation)
     action = wire.Rows("action", wire.ACTION).message(0, 1, 0, 5_000_000, 1, 0)
     return state, reward, Clock(), action
 

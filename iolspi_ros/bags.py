@@ -447,7 +447,7 @@ class _Finder:
             return
         for before, transition in self._pairer.transitions(observation):
             key = (before.episode, before.step)
-            self._paired[key] = Sample(*key, self._pairer.stamps[key], transition, -1)
+            self._paired[key] = Sample(*key, before.stamp, transition, -1)
 
     def _complain(self, text: str) -> None:
         if len(self.complaints) < 3 and text not in self.complaints:

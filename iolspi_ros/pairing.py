@@ -34,7 +34,6 @@ class Pairer:
         self._rewards: OrderedDict[int, Sequence[float]] = OrderedDict()
         self._observations: OrderedDict[tuple[int, int], Observation] = OrderedDict()
         self._formed: OrderedDict[tuple[int, int], None] = OrderedDict()
-        self.stamps: OrderedDict[tuple[int, int], int] = OrderedDict()
 
     def state(self, message: Any) -> Observation | None:
         """Take a sensor_msgs/JointState; return the observation that it completes.
@@ -90,10 +89,9 @@ class Pairer:
         state, values = self._states.get(stamp), self._rewards.get(stamp)
         if state is None or values is None:
             return None
-        observation = self._rows.observation(values, state)
+        observation = self._rows.observation(values, state, stamp)
         key = (observation.episode, observation.step)
         _keep(self._observations, key, observation)
-        _keep(self.stamps, key, stamp)
         return observation
 
 

@@ -123,15 +123,17 @@ class RewardRows(Rows):
     def __init__(self) -> None:
         super().__init__("reward", REWARD)
 
-    def of(self, observation: Observation, stamp: int) -> Any:
-        """Message of an observation at a stamp [ns]."""
+    def of(self, observation: Observation) -> Any:
+        """Message of an observation."""
         o = observation
         return self.message(
-            o.episode, o.step, *split(stamp), o.reward, o.terminated, o.truncated, o.action
+            o.episode, o.step, *split(o.stamp), o.reward, o.terminated, o.truncated, o.action
         )
 
-    def observation(self, values: Sequence[float], state: NDArray[np.float64]) -> Observation:
-        """Observation of a row that `read` gave, and of its state."""
+    def observation(
+        self, values: Sequence[float], state: NDArray[np.float64], stamp: int
+    ) -> Observation:
+        """Observation of a row that `read` gave, and of its state and stamp [ns]."""
         return Observation(
             episode=whole(values[0]),
             step=whole(values[1]),
@@ -140,6 +142,7 @@ class RewardRows(Rows):
             action=whole(values[7]),
             terminated=values[5] > 0.5,
             truncated=values[6] > 0.5,
+            stamp=stamp,
         )
 
 
@@ -203,11 +206,16 @@ def join(sec: float, nanosec: float) -> int:
 
 def state_message(joints: Sequence[str], state: NDArray[np.float64], stamp: int) -> Any:
     """A sensor_msgs/JointState of a state [q_1, q̇_1, q_2, …] at a stamp [ns]."""
-    message = _messages().JointState(
-        name=list(joints),
-        position=array.array("d", state[0::2].tolist()),
-        velocity=array.array("d", state[1::2].tolist()),
-    )
+    message = _messages().JointState()
+    return fill_state(message, joints, state, stamp)
+
+
+def fill_state(message: Any, joints: Sequence[str], state: NDArray[np.float64], stamp: int) -> Any:
+    """Put a state into a message that was made before, which saves most of making one."""
+    values = state.tolist()
+    message.name = list(joints)
+    message.position = array.array("d", values[0::2])
+    message.velocity = array.array("d", values[1::2])
     message.header.stamp.sec, message.header.stamp.nanosec = split(stamp)
     return message
 

@@ -59,6 +59,7 @@ class Simulator(Node):
         self._state_out = self.create_publisher(JointState, "state", qos.OUTGOING)
         self._reward_out = self.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
         self._clock_out = self.create_publisher(Clock, "/clock", qos.OUTGOING)
+        self._state_message, self._clock_message = JointState(), Clock()
         self._ticks = 0
         self._episode = -1
         self._paused = False
@@ -115,16 +116,14 @@ class Simulator(Node):
             self._show(self.world.move(self._episode, action))
 
     def _show(self, observation: Observation) -> None:
-        self._observation = observation
         self._ticks += 1  # also at the start of an episode: every state has a stamp of its own
         stamp = self._ticks * self._stamp_step
-        clock = Clock()
-        clock.clock.sec, clock.clock.nanosec = wire.split(stamp)
-        self._messages = (
-            clock,
-            wire.state_message(self.world.task.joints, observation.state, stamp),
-            self._reward_rows.of(observation, stamp),
-        )
+        self._observation = observation = observation._replace(stamp=stamp)
+        time_now = self._clock_message.clock
+        time_now.sec, time_now.nanosec = wire.split(stamp)
+        joints = self.world.task.joints
+        wire.fill_state(self._state_message, joints, observation.state, stamp)
+        self._reward_message = self._reward_rows.of(observation)
         self._publish()
 
     def _repeat(self) -> None:
@@ -134,10 +133,9 @@ class Simulator(Node):
     def _publish(self) -> None:
         if self._paused or self._done or not self.context.ok():
             return
-        clock, state, reward = self._messages
-        self._state_out.publish(state)
-        self._reward_out.publish(reward)
-        self._clock_out.publish(clock)  # last: whoever answers is at work already
+        self._state_out.publish(self._state_message)
+        self._reward_out.publish(self._reward_message)
+        self._clock_out.publish(self._clock_message)  # last: whoever answers is at work already
         self._published = time.monotonic()
 
     # ------------------------------------------------------------ what comes in

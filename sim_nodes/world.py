@@ -80,7 +80,7 @@ class World:
         if self.settings.action_noise:
             noise = self.settings.action_noise * self.rng.standard_normal()
         self._state, reward, terminated = self.task.step(
-            self._state, np.int64(action), self.vehicle_time, noise
+            self._state, action, self.vehicle_time, noise
         )
         self._step += 1
         self.vehicle_steps += 1

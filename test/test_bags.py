@@ -117,9 +117,9 @@ def test_states_and_rewards_do_where_there_are_no_samples(tmp_path):
     rewards, messages = wire.RewardRows(), []
     for k in range(N + 1):
         state = np.array([k, -k], float)
-        o = Observation(0, k, state, 1.0 - k, (k - 1) % 3, truncated=k == N)
+        o = Observation(0, k, state, 1.0 - k, (k - 1) % 3, truncated=k == N, stamp=k * 5_000_000)
         messages.append(("/sim/state", k, wire.state_message(JOINTS, state, k * 5_000_000)))
-        messages.append(("/sim/reward", k, rewards.of(o, k * 5_000_000)))
+        messages.append(("/sim/reward", k, rewards.of(o)))
     write(tmp_path / "bag", messages).close()
     found = read(tmp_path / "bag").samples
     assert [s.transition.action for s in found] == [k % 3 for k in range(N)]

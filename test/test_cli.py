@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bags import read_demonstration
+from iolspi_ros.cli import progress
 from iolspi_ros.resources import find
 
 COMMANDS = ("demo", "learn", "record", "run")
@@ -81,6 +82,19 @@ def test_learn_leaves_a_policy_and_a_report(tmp_path):
     np.testing.assert_array_equal(files[0]["weights"], files[1]["weights"])
 
 
+def test_without_a_terminal_progress_is_a_line_now_and_then_with_an_eta(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    show = progress._lines("flying", 100)
+    for done in range(101):
+        now[0] = 100.0 + done
+        show(done)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 22
+    assert lines[-1] == "flying: 100 of 100"
+    assert "flying: 50 of 100, 150 s left" in lines  # 150 s since the start, half of it done
+
+
 def graph_processes():
     """Nodes of ours that are running, by their command lines."""
     lines = []
@@ -95,7 +109,7 @@ def test_the_demo_leaves_everything_and_no_graph(tmp_path):
     out = tmp_path / "demo"
     result = iolspi("demo", "--seconds", 15, "--out", out, deadline=240)
     assert result.returncode == 0, result.stdout + result.stderr
-    assert "left" in result.stdout  # an ETA
+    assert "learning online [episodes]: 10 of 10" in result.stdout
     summary = json.loads((out / "summary.json").read_text())
     assert summary["vehicle_seconds"] == 15.0
     assert summary["wall_seconds"] > 0

@@ -220,7 +220,7 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
 
         def answered(k=k, o=o, stamp=stamp):
             state_out.publish(wire.state_message(("shaft",), o.state, stamp))
-            reward_out.publish(rows.of(o, stamp))
+            reward_out.publish(rows.of(o._replace(stamp=stamp)))
             return any(m.data[1] == k for m in peer.heard["action"])
 
         peer.until(answered)

@@ -19,10 +19,10 @@ def messages(lengths):
             state = np.array([episode, step], float)
             o = Observation(
                 episode, step, state, 100.0 * episode + step, (episode + step) % 3,
-                truncated=step == length,
+                truncated=step == length, stamp=stamp,
             )  # fmt: skip
             sent.append(("state", wire.state_message(JOINTS, state, stamp)))
-            sent.append(("reward", REWARDS.of(o, stamp)))
+            sent.append(("reward", REWARDS.of(o)))
     return sent
 
 

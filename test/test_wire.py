@@ -52,9 +52,9 @@ def test_samples_come_back_as_they_went(joints, data):
 @given(doubles, st.integers(-1, 9), st.booleans(), st.booleans(), stamps)
 def test_observations_come_back_as_they_went(reward, action, terminated, truncated, stamp):
     rows = wire.RewardRows()
-    sent = Observation(3, 4, np.zeros(2), reward, action, terminated, truncated)
-    values = rows.read(over_the_wire(rows.of(sent, stamp)))
-    back = rows.observation(values, np.zeros(2))
+    sent = Observation(3, 4, np.zeros(2), reward, action, terminated, truncated, stamp)
+    values = rows.read(over_the_wire(rows.of(sent)))
+    back = rows.observation(values, np.zeros(2), stamp)
     assert wire.join(values[2], values[3]) == stamp
     assert back.reward == reward or math.isnan(reward)
     assert (back.action, back.terminated, back.truncated) == (action, terminated, truncated)

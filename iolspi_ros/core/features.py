@@ -91,6 +91,37 @@ class RBFGrid:
             axes.append((np.linspace(low, high, count), gain))
         return tuple(axes)
 
+    @cached_property
+    def _flat(self) -> tuple[NDArray[np.int64], Array, Array, tuple[slice, ...]]:
+        """All centres in one row: their dimension, place and gain, and where each axis is."""
+        counts = np.array(self.centers)
+        dimension = np.repeat(np.arange(self.n_dims), counts)
+        centers = np.concatenate([centers for centers, _ in self._axes])
+        gains = np.array([gain for _, gain in self._axes])[dimension] * np.sqrt(0.5)
+        ends = np.cumsum(counts)
+        parts = tuple(slice(end - n, end) for end, n in zip(ends, counts, strict=True))
+        return dimension, centers, gains, parts
+
+    def weigh(self, weights: Array, state: Array) -> Array:
+        """Sum of w φ(s) for one state, contracted dimension by dimension: φ is never built.
+
+        Parameters
+        ----------
+        weights : ndarray of shape (n, size)
+        state : ndarray of shape (n_dims,)
+
+        Returns
+        -------
+        ndarray of shape (n,)
+        """
+        dimension, centers, gains, parts = self._flat
+        distance = (state[dimension] - centers) * gains
+        factors = np.exp(-(distance * distance))
+        left = weights.reshape(len(weights), *self.centers)
+        for part in reversed(parts):
+            left = left @ factors[part]
+        return left
+
     @property
     def points(self) -> Array:
         """Centres μ in the state's units, shape (size, n_dims), last dimension fastest."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -150,8 +151,10 @@ class OnlineLSPI:
         """
         if explore and self.rng.random() < self.epsilon:
             return int(self.rng.integers(self.settings.n_actions)), Source.EXPLORE
-        chosen = greedy(self.weights, self.features(state[None]), self.rng)
-        return int(chosen[0]), Source.EXPLOIT
+        q = self.features.weigh(self.weights, state).tolist()
+        best = [a for a, value in enumerate(q) if value == max(q)]
+        chosen = best[0] if len(best) == 1 else int(self.rng.choice(best or len(q)))
+        return chosen, Source.EXPLOIT
 
     def observe(self, transition: Transition) -> bool:
         """Keep one transition; one with a number that is not finite is dropped and counted.
@@ -161,13 +164,9 @@ class OnlineLSPI:
         bool
             Whether an update is due.
         """
-        usable = (
-            np.isfinite(transition.reward)
-            and np.isfinite(transition.state).all()
-            and np.isfinite(transition.next_state).all()
-            and 0 <= transition.action < self.settings.n_actions
-        )
-        if usable:
+        t = transition
+        numbers = (t.reward, *t.state.tolist(), *t.next_state.tolist())
+        if all(map(math.isfinite, numbers)) and 0 <= t.action < self.settings.n_actions:
             self._batch.append(transition)
             self.step += 1
         else:

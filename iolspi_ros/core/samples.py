@@ -110,8 +110,7 @@ class Transitions:
         )
 
 
-@dataclass(frozen=True)
-class Observation:
+class Observation(NamedTuple):
     """What a vehicle shows of itself after a step.
 
     Attributes
@@ -125,6 +124,8 @@ class Observation:
     action : int
         Index of the action that led here; -1 at the first state of an episode.
     terminated, truncated : bool
+    stamp : int
+        Vehicle time [ns], on a clock that gives every observation its own; 0 without one.
     """
 
     episode: int
@@ -134,6 +135,7 @@ class Observation:
     action: int = -1
     terminated: bool = False
     truncated: bool = False
+    stamp: int = 0
 
     @property
     def last(self) -> bool:

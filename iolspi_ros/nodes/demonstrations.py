@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from iolspi_ros import wire
-from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.core.samples import Sample, Transitions
 
 PATIENCE = 2.0
 """Seconds without a new sample after which those still missing are given up."""
 
 
 class Demonstrations:
-    """Keeps each sample once, by (session, episode, step), and knows when all are there.
+    """Keeps each sample once, and knows when all of a demonstration are there.
+
+    A sample is known by its key and its content, so neither doubled messages nor the order in
+    which `sample` and `demonstration` arrive make a difference.
 
     Parameters
     ----------
@@ -24,10 +27,9 @@ class Demonstrations:
     def __init__(self, joints: Sequence[str]) -> None:
         self._rows = wire.SampleRows(joints)
         self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
-        self._samples: dict[tuple[int, int, int], Transition] = {}
-        self._session = 0
-        self._before = 0  # samples of earlier sessions
-        self._expected: int | None = None  # once the demonstration has ended
+        self._samples: dict[bytes, Sample] = {}
+        self._running: set[bytes] = set()  # of the demonstration that is under way
+        self._expected: int | None = None  # once it has ended
         self._latest = 0.0
 
     def __len__(self) -> int:
@@ -42,8 +44,9 @@ class Demonstrations:
             When it is not a sample of this task.
         """
         sample = self._rows.sample(message)
-        key = (self._session, sample.episode, sample.step)
-        self._samples.setdefault(key, sample.transition)
+        content = bytes(message.data)
+        self._samples.setdefault(content, sample)
+        self._running.add(content)
         self._latest = time.monotonic()
 
     def announce(self, message: Any) -> None:
@@ -55,26 +58,25 @@ class Demonstrations:
             When it is no announcement.
         """
         *_, active, samples = self._announcements.read(message)
-        if active:
-            self._session += 1
-            self._before = len(self)
-            self._expected = None
-        else:
-            self._expected = self._before + max(wire.whole(samples), 0)
-            self._latest = time.monotonic()
+        self._expected = None if active else max(wire.whole(samples), 0)
+        self._latest = time.monotonic()
 
     def complete(self) -> bool:
         """Whether the demonstration has ended and nothing more of it is to be expected."""
         if self._expected is None:
             return False
-        return len(self) >= self._expected or time.monotonic() - self._latest > PATIENCE
+        return not self.missing() or time.monotonic() - self._latest > PATIENCE
+
+    def missing(self) -> int:
+        """How many samples of the demonstration that has ended did not arrive."""
+        return max((self._expected or 0) - len(self._running), 0)
 
     def forget_end(self) -> None:
         """Wait for the end of another demonstration."""
         self._expected = None
+        self._running.clear()
 
-    def transitions(self) -> tuple[Transitions, int]:
-        """All samples in order of (session, episode, step), and how many were lost."""
-        lost = max((self._expected or 0) - len(self), 0)
-        ordered = [self._samples[key] for key in sorted(self._samples)]
-        return Transitions.of(ordered, self._rows.n_dims), lost
+    def transitions(self) -> Transitions:
+        """All samples, in order of (episode, step)."""
+        ordered = sorted(self._samples.values(), key=lambda s: (s.episode, s.step))
+        return Transitions.of([sample.transition for sample in ordered], self._rows.n_dims)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sensor_msgs.msg import Joy
@@ -66,29 +66,33 @@ class Flight:
             self._pilot = ScriptedPilot(node.task, pilot, self._rng)
         self._stick = Stick(stick, len(node.task.actions), node.task.neutral)
         node.create_subscription(Joy, "joy", self._stick.take, qos.CONTROL)
-        self._seat = Seat(node, node.task.joints, self, settings.simulator_timeout)
+        self._seat = Seat(
+            node, node.task.joints, node.task.neutral, self, settings.simulator_timeout
+        )
         node.begin()
         self._seat.take()
 
-    def observed(self, observation: Observation, stamp: int) -> None:
-        """Record what the vehicle shows."""
+    def answered(self, observation: Observation, source: Source, answer: Any) -> None:
+        """Record what the vehicle showed and what it was told; end after the last episode."""
+        stamp = observation.stamp
         state = wire.state_message(self._node.task.joints, observation.state, stamp)
         self._node.record("state", stamp, state)
-        self._node.record("reward", stamp, self._rewards.of(observation, stamp))
+        self._node.record("reward", stamp, self._rewards.of(observation))
+        self._node.record("action", stamp, answer)
+        if self._ended >= self._settings.episodes:
+            self._seat.leave()
+            self._node.end()
 
-    def transition(self, before: Observation, stamp: int, transition: Transition) -> None:
-        """Send a step as a sample; after the last one the demonstration ends."""
+    def transition(self, before: Observation, transition: Transition) -> None:
+        """Send a step as a sample."""
         action, source = self._given.pop((before.episode, before.step), (-1, Source.HOLD))
         if action != transition.action:
             source = Source.HOLD  # the vehicle did something else than it was told
         if np.isfinite((*transition.state, transition.reward, *transition.next_state)).all():
-            self._node.send(Sample(before.episode, before.step, stamp, transition, source))
+            self._node.send(Sample(before.episode, before.step, before.stamp, transition, source))
         if transition.terminated or transition.truncated:
             self._given.clear()
             self._ended += 1
-            if self._ended >= self._settings.episodes:
-                self._seat.leave()
-                self._node.end()
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """What the pilot does, or now and then a random action instead."""

@@ -37,6 +37,7 @@ class NodeSettings(Settings):
 
     task: str = setting("pendulum", "name kept in checkpoints, so that they are not mixed up")
     joints: tuple[str, ...] = setting(("shaft",), "joints of the state, in its order")
+    neutral: int = setting(1, "action that does nothing, for states without an answer", low=0)
     seed: int = setting(0, "of first weights, exploration and ties", low=0)
     informed: bool = setting(True, "wait for a demonstration and learn from it before acting")
     background: bool = setting(
@@ -77,7 +78,7 @@ class Learner(Node):
 
     def _connect(self) -> None:
         s = self.settings
-        self._seat = Seat(self, s.joints, self, s.simulator_timeout)
+        self._seat = Seat(self, s.joints, s.neutral, self, s.simulator_timeout)
         self._reports = Reports(self, self.core)
         self._reports.weights()
         self.create_subscription(Float64MultiArray, "sample", self._on_sample, qos.SAMPLES)
@@ -105,21 +106,19 @@ class Learner(Node):
 
     # ------------------------------------------------------------ in the seat
 
-    def observed(self, observation: Observation, stamp: int) -> None:
-        """Count the reward; take new weights that were solved for beside this thread."""
-        self._finish_solving(wait=False)
-        self._reports.observed(observation)
-
-    def transition(self, before: Observation, stamp: int, transition: Transition) -> None:
+    def transition(self, before: Observation, transition: Transition) -> None:
         """Learn from a step."""
         if self.learning and self.core.observe(transition):
             self._update()
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Act on what was learned so far."""
-        action, source = self.core.act(observation.state, explore=self.learning)
-        self._reports.explored(source)
-        return action, source
+        self._finish_solving(wait=False)
+        return self.core.act(observation.state, explore=self.learning)
+
+    def answered(self, observation: Observation, source: Source, answer: Any) -> None:
+        """Count the reward, and whether the answer explored."""
+        self._reports.answered(observation, source)
 
     def _update(self) -> None:
         if not self.settings.background:
@@ -165,9 +164,9 @@ class Learner(Node):
 
     def _start_offline(self) -> str:
         """Learn from what was demonstrated, beside the control thread."""
-        transitions, lost = self._demonstrations.transitions()
+        transitions = self._demonstrations.transitions()
         text = f"{len(transitions)} demonstrated samples"
-        if lost:
+        if lost := self._demonstrations.missing():
             text += f", {lost} were lost on the way"
         if not len(transitions):
             self.get_logger().error(

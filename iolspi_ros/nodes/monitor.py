@@ -175,7 +175,7 @@ class Monitor(Node):
         if observation is None:
             return
         key = (observation.episode, observation.step)
-        self._stamp = max(self._stamp, self._pairer.stamps[key])
+        self._stamp = max(self._stamp, observation.stamp)
         if key <= self._newest:
             return  # repeated
         self._newest = key

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -41,22 +43,19 @@ class Reports:
     def _begin(self) -> None:
         self._score, self._discounted, self._explored = 0.0, 0.0, 0
 
-    def observed(self, observation: Observation) -> None:
+    def answered(self, observation: Observation, source: Source) -> None:
         """Add a reward to the score of its episode; publish the score at the end."""
         if observation.step == 0:
             self._begin()
-        elif np.isfinite(observation.reward):
+        elif math.isfinite(observation.reward):
             self._score += observation.reward
             gamma = self._core.settings.gamma
             self._discounted += gamma ** (observation.step - 1) * observation.reward
+        self._explored += source == Source.EXPLORE
         self._key = (observation.episode, observation.step)
         if observation.last:
             values = (*self._head(), self._score, self._discounted, self._explored)
             self._score_out.publish(self._score_rows.message(*values))
-
-    def explored(self, source: Source) -> None:
-        """Count an exploring action."""
-        self._explored += source == Source.EXPLORE
 
     def update(self, update: Update) -> None:
         """Publish one policy update."""

@@ -104,8 +104,10 @@ def spin(node: Node) -> None:
     loop.add_node(node)
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
     try:
-        while rclpy.ok():
+        context = node.context
+        while context.ok():
             loop.spin_once(timeout_sec=0.25)
     except ExternalShutdownException:
         pass

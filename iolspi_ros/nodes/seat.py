@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -21,16 +21,16 @@ from iolspi_ros.pairing import Pairer
 class Occupant(Protocol):
     """Who sits in the seat."""
 
-    def transition(self, before: Observation, stamp: int, transition: Transition) -> None:
-        """Take a transition that left `before`, seen at `stamp` [ns]; each comes once."""
-        ...
-
-    def observed(self, observation: Observation, stamp: int) -> None:
-        """Take a new observation, before it is answered."""
+    def transition(self, before: Observation, transition: Transition) -> None:
+        """Take a transition that left `before`; each comes once."""
         ...
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Action for an observation whose state is finite and not the last of its episode."""
+        ...
+
+    def answered(self, observation: Observation, source: Source, answer: Any) -> None:
+        """Take an observation and the message that answered it; the vehicle moves already."""
         ...
 
 
@@ -38,21 +38,29 @@ class Seat:
     """Pairs `state` with `reward`, and answers with `action`.
 
     A repeated observation gets the same answer again; one older than the newest gets none; the
-    last of an episode, and one that is not finite, is acknowledged with a `hold`.
+    last of an episode, and one that is not finite, gets a `hold`.
 
     Parameters
     ----------
     node : rclpy.node.Node
     joints : sequence of str
+    neutral : int
+        The action that does nothing.
     occupant : Occupant
     simulator_timeout : float
         Seconds from `take` to the first state, after which to give up; 0 for never.
     """
 
     def __init__(
-        self, node: Node, joints: Sequence[str], occupant: Occupant, simulator_timeout: float
+        self,
+        node: Node,
+        joints: Sequence[str],
+        neutral: int,
+        occupant: Occupant,
+        simulator_timeout: float,
     ) -> None:
         self._node, self._occupant, self._timeout = node, occupant, simulator_timeout
+        self._neutral = neutral
         self._pairer = Pairer(joints)
         self._rows = wire.Rows("action", wire.ACTION)
         self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
@@ -99,27 +107,27 @@ class Seat:
         if key == self._newest:
             self._out.publish(self._answer)
             return
-        stamp = self._pairer.stamps[key]
-        self._occupant.observed(observation, stamp)
         for before, transition in self._pairer.transitions(observation):
-            before_stamp = self._pairer.stamps[before.episode, before.step]
-            self._occupant.transition(before, before_stamp, transition)
+            self._occupant.transition(before, transition)
         if key < self._newest or not self.taken:
             return
         self._newest = key
         action, source = self._choose(observation)
-        self._answer = self._rows.message(*key, *wire.split(stamp), action, source)
+        self._answer = self._rows.message(*key, *wire.split(observation.stamp), action, source)
         self._out.publish(self._answer)
+        self._occupant.answered(observation, source, self._answer)
 
     def _choose(self, observation: Observation) -> tuple[int, Source]:
-        finite = bool(np.isfinite(observation.state).all())
-        if not (finite and np.isfinite(observation.reward)):
+        finite = all(map(math.isfinite, observation.state.tolist()))
+        if not (finite and math.isfinite(observation.reward)):
             self.ignore(
                 f"state {observation.state.tolist()} or reward {observation.reward} of step "
                 f"{observation.step} of episode {observation.episode} is not finite"
             )
-        if observation.last or not finite:
-            return max(observation.action, 0), Source.HOLD
+        if observation.last:
+            return self._neutral, Source.HOLD
+        if not finite:
+            return (observation.action if observation.action >= 0 else self._neutral), Source.HOLD
         return self._occupant.choose(observation)
 
     def _check_simulator(self) -> None:

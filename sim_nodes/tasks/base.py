@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +41,10 @@ class Task(Protocol):
     def step(
         self,
         state: Array,
-        action: NDArray[np.int64] | np.int64,
+        action: NDArray[np.int64] | int,
         time: float = 0.0,
         noise: Array | float = 0.0,
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    ) -> tuple[Array, Any, Any]:
         """Next state, reward and whether the task ended there.
 
         Parameters

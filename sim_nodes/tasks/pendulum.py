@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +30,11 @@ UPRIGHT_TIME = 0.5
 def wrap(angle: Any) -> Any:
     """Angle in [-π, π) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def cost(angle: Any, rate: Any, voltage: Any) -> Any:
+    """Reward of a state and an action (T Eq. 16), negative."""
+    return -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * voltage * voltage)
 
 
 @dataclass(frozen=True)
@@ -84,41 +90,52 @@ class Pendulum(Settings):
         done = 1.0 if since >= self.g_change_duration else since / self.g_change_duration
         return self.g + done * (self.g_after - self.g)
 
-    def acceleration(self, angle: Array, rate: Array, voltage: Array, g: float) -> Array:
-        """α̈ [rad/s²] (T Eq. 15)."""
+    def acceleration(self, angle: Any, rate: Any, voltage: Any, g: float) -> Any:
+        """α̈ [rad/s²] (T Eq. 15); floats or arrays."""
         k, r = self.torque_constant, self.resistance
-        gravity = self.mass * g * self.length * np.sin(angle)
+        sine = math.sin(angle) if isinstance(angle, float) else np.sin(angle)
+        gravity = self.mass * g * self.length * sine
         return (gravity - self.friction * rate - k * k * rate / r + k * voltage / r) / self.inertia
 
     def step(
         self,
         state: Array,
-        action: NDArray[np.int64] | np.int64,
+        action: NDArray[np.int64] | int,
         time: float = 0.0,
         noise: Array | float = 0.0,
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    ) -> tuple[Array, Any, Any]:
         """One sampling time by one step of the fourth-order Runge-Kutta method.
 
         The reward is that of the state left and the action chosen, noise aside (T Eqs. 3, 16):
         a cost, so negative.
         """
-        voltage = _VOLTAGES[action]
-        angle, rate = state[..., 0], state[..., 1]
-        reward = -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * voltage * voltage)
-        g, h, applied = self.gravity(time), self.dt, voltage + noise
+        g = self.gravity(time)
+        if state.ndim == 1:  # plain floats are several times faster than arrays of one
+            angle, rate = state.tolist()
+            voltage = self.actions[int(action)]
+            after, turned = self._integrate(angle, rate, voltage + noise, g)
+            limited = min(max(turned, -RATE_LIMIT), RATE_LIMIT)
+            return np.array((wrap(after), limited)), cost(angle, rate, voltage), False
+        voltages = _VOLTAGES[action]
+        angles, rates = state[:, 0], state[:, 1]
+        after, turned = self._integrate(angles, rates, voltages + noise, g)
+        following = np.stack((wrap(after), np.clip(turned, -RATE_LIMIT, RATE_LIMIT)), axis=1)
+        return following, cost(angles, rates, voltages), np.zeros(len(state), bool)
 
-        def slope(angle: Array, rate: Array) -> tuple[Array, Array]:
-            return rate, self.acceleration(angle, rate, applied, g)
-
-        a1, b1 = slope(angle, rate)
-        a2, b2 = slope(angle + h / 2 * a1, rate + h / 2 * b1)
-        a3, b3 = slope(angle + h / 2 * a2, rate + h / 2 * b2)
-        a4, b4 = slope(angle + h * a3, rate + h * b3)
-        following = np.empty(state.shape)
-        following[..., 0] = wrap(angle + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
-        rate = rate + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
-        following[..., 1] = np.minimum(np.maximum(rate, -RATE_LIMIT), RATE_LIMIT)
-        return following, reward, np.zeros(state.shape[:-1], bool)
+    def _integrate(self, angle: Any, rate: Any, voltage: Any, g: float) -> tuple[Any, Any]:
+        """Angle and rate one T_s later, neither wrapped nor limited."""
+        h = self.dt
+        a1, b1 = rate, self.acceleration(angle, rate, voltage, g)
+        a2 = rate + h / 2 * b1
+        b2 = self.acceleration(angle + h / 2 * a1, a2, voltage, g)
+        a3 = rate + h / 2 * b2
+        b3 = self.acceleration(angle + h / 2 * a2, a3, voltage, g)
+        a4 = rate + h * b3
+        b4 = self.acceleration(angle + h * a3, a4, voltage, g)
+        return (
+            angle + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4),
+            rate + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4),
+        )
 
     def initial_states(self) -> Array:
         """Every pair of initial angle and rate (T IV-A, IV-A-3), shape (21 or 28, 2)."""
