@@ -6,6 +6,7 @@ import ctypes
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -27,6 +28,23 @@ PATIENCE = 5.0
 """Seconds that a node has to end by itself; ours need less than two."""
 
 
+def free_domain() -> int:
+    """A ROS domain in which nobody on this machine is.
+
+    The first participant of domain N listens on UDP port 7410 + 250 N (the DDSI-RTPS standard).
+    """
+    domains = list(range(1, 102))  # those whose ports lie below Linux' ephemeral ones
+    random.SystemRandom().shuffle(domains)
+    for domain in domains:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise InputError("every ROS domain from 1 to 101 is in use on this machine; allowed: set one")
+
+
 def isolate() -> int:
     """Keep this process and its children to this machine and to a domain of their own.
 
@@ -38,7 +56,8 @@ def isolate() -> int:
         The ROS domain, for whoever wants to look on.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(random.SystemRandom().randint(1, 100)))
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(free_domain())
     os.environ.setdefault("HOME", "/tmp")  # rcl writes its logs there
     return int(os.environ["ROS_DOMAIN_ID"])
 

@@ -2,13 +2,14 @@ import iolspi_ros  # noqa: F401, I001  first: it sets the BLAS threads before nu
 
 import contextlib
 import os
-import random
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
+
+from iolspi_ros.graph import free_domain
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
@@ -73,7 +74,7 @@ class Nodes:
 @pytest.fixture
 def domain():
     """A ROS domain of this test's own."""
-    return random.SystemRandom().randint(1, 100)
+    return free_domain()
 
 
 @pytest.fixture
