@@ -39,9 +39,9 @@ setup(
     entry_points={
         "console_scripts": [
             "iolspi = iolspi_ros.cli:main",
-            "simulator = sim_nodes.simulator:main",
-            "demonstrator = iolspi_ros.nodes.demonstrator:main",
-            "learner = iolspi_ros.nodes.learner:main",
+            "simulator = iolspi_ros.nodes.start:simulator",
+            "demonstrator = iolspi_ros.nodes.start:demonstrator",
+            "learner = iolspi_ros.nodes.start:learner",
         ],
     },
 )

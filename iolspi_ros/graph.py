@@ -19,11 +19,6 @@ import yaml
 
 from iolspi_ros.errors import InputError
 
-NODES = {
-    "simulator": "sim_nodes.simulator",
-    "demonstrator": "iolspi_ros.nodes.demonstrator",
-    "learner": "iolspi_ros.nodes.learner",
-}
 PATIENCE = 5.0
 """Seconds that a node has to end by itself; ours need less than two."""
 
@@ -89,7 +84,11 @@ class Graph:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.stop()
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # one Ctrl-C may come twice
+        try:
+            self.stop()
+        finally:
+            signal.signal(signal.SIGINT, before)
 
     def start(self, node: str, parameters: Mapping[str, Any], file: Path | None = None) -> None:
         """Start a node with a parameter file and parameters that go before it."""
@@ -102,7 +101,7 @@ class Graph:
         with (self._folder / f"{node}.log").open("wb") as log:
             # A session of its own: a Ctrl-C reaches us alone, and we end the nodes in order.
             self._processes[node] = subprocess.Popen(
-                [sys.executable, "-m", NODES[node], *arguments],
+                [sys.executable, "-m", "iolspi_ros.nodes.start", node, *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 preexec_fn=_end_with_parent,
             )  # fmt: skip

@@ -185,7 +185,3 @@ class Simulator(Node):
 def main() -> int:
     """Run the simulator."""
     return runtime.main(Simulator, "simulator", sys.argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

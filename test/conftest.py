@@ -14,12 +14,6 @@ from iolspi_ros.graph import free_domain
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 
-MODULES = {
-    "simulator": "sim_nodes.simulator",
-    "demonstrator": "iolspi_ros.nodes.demonstrator",
-    "learner": "iolspi_ros.nodes.learner",
-}
-
 
 class Nodes:
     """Our nodes as processes of one domain."""
@@ -30,7 +24,7 @@ class Nodes:
 
     def start(self, node, *arguments, name=None):
         log = (self.folder / f"{name or node}.log").open("wb")
-        command = [sys.executable, "-m", MODULES[node], "--ros-args", *arguments]
+        command = [sys.executable, "-m", "iolspi_ros.nodes.start", node, "--ros-args", *arguments]
         process = subprocess.Popen(command, stdout=log, stderr=log, env=self.env)
         self.processes[name or node] = process
         return process

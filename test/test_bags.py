@@ -7,6 +7,7 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from iolspi_ros import bags, wire
+from iolspi_ros.bags.typestore import types
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.resources import find
@@ -65,7 +66,7 @@ def test_bags_of_others_are_read_whatever_their_storage(tmp_path, plugin):
     writer = Writer(tmp_path / "bag", version=9, storage_plugin=plugin)
     with writer:
         kind = "std_msgs/msg/Float64MultiArray"
-        connection = writer.add_connection("/a/sample", kind, typestore=bags._types())
+        connection = writer.add_connection("/a/sample", kind, typestore=types())
         for _, stamp, message in samples():
             writer.write(connection, stamp, serialize_message(message))
     same(read(tmp_path / "bag").samples, [sample(k) for k in range(N)])
@@ -100,7 +101,7 @@ def test_a_sqlite_bag_without_its_metadata_is_used(tmp_path):
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
     with writer:
         kind = "std_msgs/msg/Float64MultiArray"
-        connection = writer.add_connection("sample", kind, typestore=bags._types())
+        connection = writer.add_connection("sample", kind, typestore=types())
         for _, stamp, message in samples():
             writer.write(connection, stamp, serialize_message(message))
     (path / "metadata.yaml").unlink()

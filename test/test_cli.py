@@ -44,7 +44,7 @@ def test_help_and_version():
     [
         (("learn", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
         (("learn", "--demos", "/nowhere"), "bag /nowhere does not exist"),
-        (("learn", "--seconds", "0"), "nothing was learned"),
+        (("learn", "--seconds", "0"), "nothing would be learned"),
         (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),
         (("learn", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("demo", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
@@ -141,7 +141,7 @@ def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=20)
-    assert process.returncode == 130
+    assert process.returncode == 130, said
     assert "Traceback" not in said
     assert not [line for line in graph_processes() if str(out) in line]
     assert (out / "checkpoint.npz").is_file()

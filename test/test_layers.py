@@ -15,7 +15,7 @@ ALLOWED = {
 }  # fmt: skip
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs")
 ROS_FREE = ["iolspi_ros/core", "sim_nodes/tasks", "sim_nodes/world.py", "sim_nodes/pilots.py",
-            "iolspi_ros/experiments", "iolspi_ros/report", "iolspi_ros/bags.py"]  # fmt: skip
+            "iolspi_ros/experiments", "iolspi_ros/report", "iolspi_ros/bags"]  # fmt: skip
 
 
 def imports(path):

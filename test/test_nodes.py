@@ -264,7 +264,7 @@ def test_waiting_nodes_end_at_once(nodes, number):
         assert "Traceback" not in nodes.log(name)
 
 
-@pytest.mark.parametrize("delay", [0.3, 0.6, 0.9, 1.2])
+@pytest.mark.parametrize("delay", [0.4, 0.7, 1.0, 1.4])
 def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
     """As `ros2 launch` sends them: to the process group, and once more itself."""
     nodes.start("simulator")
@@ -277,9 +277,8 @@ def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
         status, took = nodes.end(name, signal.SIGINT)
         said = nodes.log(name)
         assert took < 2.0
-        imported = "Traceback" not in said or "importlib" in said  # before our first line
-        assert imported, said
-        assert status == 0 or "importlib" in said, (status, said)
+        assert "Traceback" not in said
+        assert status == 0 or (status, said) == (-signal.SIGINT, "")  # before our first line
 
 
 # ---------------------------------------------------------------- demonstrator

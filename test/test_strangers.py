@@ -19,9 +19,9 @@ from std_msgs.msg import Float64MultiArray
 
 ROOT = Path(__file__).resolve().parents[1]
 STRANGERS = ROOT / "test" / "strangers"
-LEARNER = "-m", "iolspi_ros.nodes.learner", "--ros-args"
-SIMULATOR = "-m", "sim_nodes.simulator", "--ros-args", "-p", "mode:=lockstep"
-DEMONSTRATOR = "-m", "iolspi_ros.nodes.demonstrator", "--ros-args", "-p", "source:=bag"
+LEARNER = "-m", "iolspi_ros.nodes.start", "learner", "--ros-args"
+SIMULATOR = "-m", "iolspi_ros.nodes.start", "simulator", "--ros-args", "-p", "mode:=lockstep"
+DEMONSTRATOR = "-m", "iolspi_ros.nodes.start", "demonstrator", "--ros-args", "-p", "source:=bag"
 
 
 def read_row(message):

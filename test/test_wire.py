@@ -105,5 +105,5 @@ def test_weights_come_back():
 def test_a_bag_reads_what_rclpy_wrote_without_rclpy():
     message = wire.state_message(("shaft",), np.array([0.5, -1.0]), 10**9 + 5)
     record = bags.Record("state", wire.type_name(message), 0, serialize_message(message))
-    state, stamp = wire.read_state(("shaft",), bags._deserialise(record))
+    state, stamp = wire.read_state(("shaft",), bags.deserialise(record))
     assert (state.tolist(), stamp) == ([0.5, -1.0], 10**9 + 5)

@@ -140,38 +140,30 @@ def _report(
 
     from iolspi_ros import resources
     from iolspi_ros.core.online import LearnerSettings
-    from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy
     from iolspi_ros.report import run as report
     from iolspi_ros.settings import from_mapping
 
+    values = resources.parameters(config, "learner")
+    features = from_mapping(LearnerSettings, values, str(config)).features()
+    whole = [states for states in history.shown if len(states) == vehicle.episode_steps + 1]
+    shown = np.stack([np.array(states) for states in whole], axis=1)
+    extra |= {
+        "demonstration_set": demonstration,
+        "shown_upright_fraction": float(vehicle.succeeded(shown).mean()),
+        "wall_seconds": round(time.monotonic() - start, 1),
+    }
+    lead = (
+        f"Demonstration set {demonstration} was replayed on a ROS 2 graph, offline LSPI learned "
+        "from it, and online LSPI went on from there. The set was flown by a scripted pilot, "
+        "not by a person."
+    )
+    title = f"Learning the {vehicle.name} from demonstrations"
     with console.status("computing the near-optimal policy and drawing …"):
-        values = resources.parameters(config, "learner")
-        features = from_mapping(LearnerSettings, values, str(config)).features()
-        policy = near_optimal_policy(vehicle)
-        best = evaluate(vehicle, policy)
-        summary = report.summarise(vehicle, features, history, best)
-        whole = [states for states in history.shown if len(states) == vehicle.episode_steps + 1]
-        shown = np.stack([np.array(states) for states in whole], axis=1)
-        summary |= {
-            "demonstration_set": demonstration,
-            "shown_upright_fraction": float(vehicle.succeeded(shown).mean()),
-            "wall_seconds": round(time.monotonic() - start, 1),
-        }
-        summary |= extra
-        lead = (
-            f"Demonstration set {demonstration} was replayed on a ROS 2 graph, offline LSPI "
-            "learned from it, and online LSPI went on from there. The set was flown by a scripted "
-            "pilot, not by a person."
-        )
-        title = f"Learning the {vehicle.name} from demonstrations"
-        page = report.write_report(
-            out, title, lead, vehicle, features, history, best, policy, summary
-        )
-        report.write_summary(out / "summary.json", summary)
+        summary = report.finish(out, title, lead, vehicle, features, history, extra)
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy costs "
         f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] times the near-optimal one;\n"
         f"{summary['shown_upright_fraction']:.0%} of the {len(history.shown)} episodes shown on "
         f"the graph ended upright. That took {summary['wall_seconds']:.0f} s.\n"
-        f"Look at [bold]{page}[/bold]"
+        f"Look at [bold]{out / 'report.html'}[/bold]"
     )

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
 from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import bar, console
 from iolspi_ros.errors import InputError, check_range
+
+if TYPE_CHECKING:
+    from iolspi_ros.core.online import OnlineLSPI
+    from iolspi_ros.experiments.history import History
+    from sim_nodes.tasks.base import Task
+    from sim_nodes.world import World
 
 
 @app.command(
@@ -32,79 +38,83 @@ def learn(
     ),
 ) -> None:
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
-    import numpy as np
-
     from iolspi_ros import resources
     from iolspi_ros.core import checkpoint
-    from iolspi_ros.core.online import LearnerSettings, OnlineLSPI
-    from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy
     from iolspi_ros.experiments.headless import remember, train
     from iolspi_ros.experiments.history import History
     from iolspi_ros.report import run as report
-    from iolspi_ros.settings import from_mapping
-    from sim_nodes.tasks import make_task, task_class
-    from sim_nodes.world import World, WorldSettings
+    from sim_nodes.tasks import task_class
 
     task_class(task)
     check_range("--seconds", seconds, 0.0, 1e6)
-    file = config or resources.find("config", f"{task}.yaml")
-    simulated = resources.parameters(file, "simulator")
-    vehicle = make_task(task, simulated, str(file))
-    settings = from_mapping(LearnerSettings, resources.parameters(file, "learner"), str(file))
-    noise = from_mapping(WorldSettings, simulated, str(file))
-    world = World(vehicle, noise, np.random.default_rng([seed, 0]))
-    learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
-        ) from error
     start = time.monotonic()
+    world, learner = _make(task, config or resources.find("config", f"{task}.yaml"), seed)
+    vehicle, settings = world.task, learner.settings
+    episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
+    if not demos and episodes * vehicle.episode_steps < settings.update_interval:
+        raise InputError(
+            f"--seconds {seconds:g} is less than one update and there are no --demos: nothing would "
+            f"be learned; allowed: at least {settings.update_interval * settings.sampling_time:g}"
+        )
+    _make_folder(out)
     history = History(vehicle.dt)
     if demos:
         _inform(learner, history, vehicle, demos)
-    episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
     try:
         with bar("learning online [episodes]", episodes) as show:
             train(world, learner, episodes, remember(history, learner, show))
     except KeyboardInterrupt:
         console.print("interrupted; what was learned so far is kept")
     checkpoint.save(out / "checkpoint.npz", learner, task)
+    if not history.policies:
+        raise KeyboardInterrupt  # before the first update: there is nothing to report
+    extra = {"wall_seconds": round(time.monotonic() - start, 2)}
+    lead = "Learned without a graph, by the same core that the learner node runs."
     with console.status("computing the near-optimal policy and drawing …"):
-        policy = near_optimal_policy(vehicle)
-        best = evaluate(vehicle, policy)
-        if not history.policies:
-            raise InputError(
-                f"--seconds {seconds:g} is less than one update and there are no --demos: "
-                f"nothing was learned; allowed: at least "
-                f"{settings.update_interval * settings.sampling_time:g}"
-            )
-        summary = report.summarise(vehicle, learner.features, history, best)
-        summary["wall_seconds"] = round(time.monotonic() - start, 2)
-        lead = "Learned without a graph, by the same core that the learner node runs."
-        title = f"Learning the {task}"
-        page = report.write_report(
-            out, title, lead, vehicle, learner.features, history, best, policy, summary
+        features = learner.features
+        summary = report.finish(
+            out, f"Learning the {task}", lead, vehicle, features, history, extra
         )
-        report.write_summary(out / "summary.json", summary)
     console.print(
         f"Cost {summary['ratio_to_near_optimal']:.3f} times the near-optimal one, "
-        f"{summary['upright_fraction']:.0%} of the starts end upright. Look at [bold]{page}[/bold]"
+        f"{summary['upright_fraction']:.0%} of the starts end upright. "
+        f"Look at [bold]{out / 'report.html'}[/bold]"
     )
 
 
-def _inform(learner: object, history: object, vehicle: object, demos: list[Path]) -> None:
+def _make(task: str, file: Path, seed: int) -> tuple[World, OnlineLSPI]:
+    """World and learner as a parameter file describes them."""
+    import numpy as np
+
+    from iolspi_ros import resources
+    from iolspi_ros.core.online import LearnerSettings, OnlineLSPI
+    from iolspi_ros.settings import from_mapping
+    from sim_nodes.tasks import make_task
+    from sim_nodes.world import World, WorldSettings
+
+    simulated = resources.parameters(file, "simulator")
+    settings = from_mapping(LearnerSettings, resources.parameters(file, "learner"), str(file))
+    noise = from_mapping(WorldSettings, simulated, str(file))
+    vehicle = make_task(task, simulated, str(file))
+    world = World(vehicle, noise, np.random.default_rng([seed, 0]))
+    return world, OnlineLSPI(settings, np.random.default_rng([seed, 1]))
+
+
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
+        ) from error
+
+
+def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Path]) -> None:
     """Offline LSPI on every bag together."""
     from iolspi_ros.bags import numbered_through, read_demonstration
-    from iolspi_ros.core.online import OnlineLSPI
     from iolspi_ros.core.samples import Transitions
-    from iolspi_ros.experiments.history import History, Policy
-    from sim_nodes.tasks.pendulum import Pendulum
+    from iolspi_ros.experiments.history import Policy
 
-    assert isinstance(learner, OnlineLSPI)
-    assert isinstance(history, History)
-    assert isinstance(vehicle, Pendulum)
     found = [read_demonstration(path, vehicle.name, vehicle.joints) for path in demos]
     for demonstration in found:
         for note in demonstration.notes:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
+import sys
 from typing import Annotated
 
 import typer
 
 from iolspi_ros.cli import app
 from iolspi_ros.errors import InputError
-from iolspi_ros.graph import NODES
+from iolspi_ros.nodes.start import NODES, start
 
 
 @app.command(
@@ -23,7 +23,5 @@ def run(
     """Start one node; what follows goes to it (`--ros-args …`)."""
     if node not in NODES:
         raise InputError(f"node is {node!r}; allowed: {', '.join(NODES)}")
-    import sys
-
     sys.argv = [node, *context.args]
-    raise SystemExit(importlib.import_module(NODES[node]).main())
+    raise SystemExit(start(node))

@@ -82,8 +82,8 @@ class Demonstrator(Node):
     def end(self) -> None:
         """Say that the demonstration has ended, and close the bag."""
         self._announce(active=False)
-        self.get_logger().info(f"demonstration ended: {self._sent} samples")
         self.close()
+        self.get_logger().info(f"demonstration ended: {self._sent} samples")
 
     def send(self, sample: Sample) -> None:
         """Record one transition, and publish it as soon as the listeners keep up."""
@@ -141,7 +141,3 @@ class Demonstrator(Node):
 def main() -> int:
     """Run the demonstrator."""
     return runtime.main(Demonstrator, "demonstrator", sys.argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -260,7 +260,3 @@ class Learner(Node):
 def main() -> int:
     """Run the learner."""
     return runtime.main(Learner, "learner", sys.argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -45,6 +46,7 @@ class Monitor(Node):
         self.scores: list[float] = []
         self._offline = ""
         self.missed = 0  # observations that did not reach this recorder
+        self._interrupted = False
         self._dt = task.dt
         self._bag = bag
         self._stamp = 0
@@ -67,6 +69,10 @@ class Monitor(Node):
         self._listen("weights", Float64MultiArray, self._on_weights)
         self._listen("/diagnostics", DiagnosticArray, self._on_diagnostics)
 
+    def interrupt(self) -> None:
+        """Let the present or next `wait` end with KeyboardInterrupt."""
+        self._interrupted = True
+
     def wait(self, ready: Callable[[], bool], deadline: float, what: str) -> None:
         """Handle events until `ready`.
 
@@ -82,11 +88,15 @@ class Monitor(Node):
         ------
         InputError
             At the deadline.
+        KeyboardInterrupt
+            After `interrupt`.
         """
         end = time.monotonic() + deadline
         while not ready():
             if time.monotonic() > end:
                 raise InputError(f"{what} did not happen within {deadline:g} s")
+            if self._interrupted:
+                raise KeyboardInterrupt
             pause = time.monotonic() + 0.05  # asking at every message would slow the graph
             while time.monotonic() < pause:
                 self._executor.spin_once(timeout_sec=0.05)
@@ -211,11 +221,14 @@ class Monitor(Node):
 
 @contextmanager
 def watching(task: Task, bag: BagWriter | None = None) -> Iterator[Monitor]:
-    """A monitor in this process; Ctrl-C stays with the caller."""
+    """A monitor in this process; a Ctrl-C ends its `wait` with KeyboardInterrupt."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    monitor = Monitor(task, bag)
+    # An exception from a signal handler would land anywhere, also in the executor's C++.
+    before = signal.signal(signal.SIGINT, lambda *_: monitor.interrupt())
     try:
-        monitor = Monitor(task, bag)
         yield monitor
-        monitor.destroy_node()
     finally:
+        signal.signal(signal.SIGINT, before)
+        monitor.destroy_node()
         rclpy.try_shutdown()

@@ -71,7 +71,8 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
         if node is None:
             raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
     try:
         rclpy.init(args=args)
         begun = True

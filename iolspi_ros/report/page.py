@@ -51,7 +51,7 @@ requestAnimationFrame(draw)
 """
 
 
-def swing(states: Sequence[Array], dt: float) -> str:
+def swing(states: Array, dt: float) -> str:
     """Animation of a pendulum's episode, angle zero upright."""
     angles = [round(float(state[0]), 3) for state in states]
     return _SWING.replace("ANGLES", json.dumps(angles)).replace("DT", repr(dt))

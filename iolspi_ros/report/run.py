@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.reference import NearOptimal
-from iolspi_ros.experiments.evaluate import Evaluation, evaluate, policy_of
+from iolspi_ros.experiments.evaluate import Evaluation, evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.history import History
 from iolspi_ros.report import page, plots
 from sim_nodes.tasks.base import Task
+
+Part = tuple[str, Figure | str]
 
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
@@ -46,77 +49,89 @@ def summarise(task: Task, features: RBFGrid, history: History, best: Evaluation)
     }
 
 
-def write_report(
+def finish(
     out: Path,
     title: str,
     lead: str,
     task: Task,
     features: RBFGrid,
     history: History,
-    best: Evaluation,
-    best_policy: NearOptimal,
-    summary: dict[str, Any],
-) -> Path:
-    """Draw everything and write report.html.
+    extra: dict[str, Any],
+) -> dict[str, Any]:
+    """Compute what a run has come to; write report.html and summary.json.
+
+    Parameters
+    ----------
+    out : Path
+    title, lead : str
+        Of the page.
+    task : Task
+    features : RBFGrid
+    history : History
+    extra : dict
+        What only the caller knows, for the summary.
 
     Returns
     -------
-    Path
-        Of the page.
+    dict
+        The summary.
     """
-    learned = policy_of(history.policies[-1].weights, features)
-    times = [policy.time for policy in history.policies]
-    returns = [
-        evaluate(task, policy_of(policy.weights, features)).discounted_return
-        for policy in history.policies
-    ]
-    n_dims = len(task.low)
-    online = np.array([s for episode in history.episodes for s in episode]).reshape(-1, n_dims)
-    demonstrated = np.array(history.demonstrated).reshape(-1, n_dims)
-    parts: list[tuple[str, Any]] = []
-    if history.shown:
-        if task.name == "pendulum":
-            parts.append(("", page.swing(history.shown[-1], task.dt)))
-        parts.append(
-            (
-                "What it does now",
-                plots.positions(
-                    task,
-                    [np.array(states) for states in history.shown],
-                    f"The last {len(history.shown)} episodes: greedy, not learning",
-                ),
-            )
-        )
-    parts += [
-        (
-            "How good each policy was",
-            plots.discounted_return(times, returns, best.discounted_return),
-        ),
-        (
-            "What it earned while learning",
-            plots.learning_score(history.scores, task.dt * task.episode_steps),
-        ),
-        ("What it would do where", plots.policy_maps(task, learned, best_policy)),
-        ("Where it has been", plots.visit_maps(task, demonstrated, online)),
-        (
-            "While still exploring",
-            plots.positions(
-                task,
-                [np.array(states) for states in history.episodes[-10:]],
-                "The last 10 episodes of learning",
-            ),
-        ),
-        (
-            "Health of the solves",
-            plots.solve_condition(times, [policy.condition for policy in history.policies]),
-        ),
-    ]
+    best_policy = near_optimal_policy(task)
+    best = evaluate(task, best_policy)
+    summary = summarise(task, features, history, best) | extra
+    parts = _shown(task, history)
+    parts += _learning(task, features, history, best)
+    parts += _maps(task, features, history, best_policy)
     facts = [
         (f"{summary['ratio_to_near_optimal']:.3f}", "cost, in that of the near-optimal policy"),
         (f"{summary['upright_fraction']:.0%}", "of the starts end upright"),
         (f"{summary['vehicle_seconds']:.0f} s", "of vehicle time learning online"),
         (f"{summary['demonstrated_samples']}", "demonstrated samples"),
     ]
-    path = out / "report.html"
-    page.write(path, title, lead, facts, parts, summary)
-    return path
+    page.write(out / "report.html", title, lead, facts, parts, summary)
+    write_summary(out / "summary.json", summary)
+    return summary
+
+
+def _shown(task: Task, history: History) -> list[Part]:
+    """What the vehicle does at the end, if it was shown."""
+    if not history.shown:
+        return []
+    n = len(history.shown)
+    episodes = [np.array(states) for states in history.shown]
+    figure = plots.positions(task, episodes, f"The last {n} episodes: greedy, not learning")
+    moving = [("", page.swing(episodes[-1], task.dt))] if task.name == "pendulum" else []
+    return [*moving, ("What it does now", figure)]
+
+
+def _learning(task: Task, features: RBFGrid, history: History, best: Evaluation) -> list[Part]:
+    """How it got there."""
+    times = [policy.time for policy in history.policies]
+    returns = [
+        evaluate(task, policy_of(policy.weights, features)).discounted_return
+        for policy in history.policies
+    ]
+    conditions = [policy.condition for policy in history.policies]
+    last = [np.array(states) for states in history.episodes[-10:]]
+    score = plots.learning_score(history.scores, task.dt * task.episode_steps)
+    return [
+        (
+            "How good each policy was",
+            plots.discounted_return(times, returns, best.discounted_return),
+        ),
+        ("What it earned while learning", score),
+        ("While still exploring", plots.positions(task, last, "The last episodes of learning")),
+        ("Health of the solves", plots.solve_condition(times, conditions)),
+    ]
+
+
+def _maps(task: Task, features: RBFGrid, history: History, best_policy: NearOptimal) -> list[Part]:
+    """What it would do where, and where it has been."""
+    n_dims = len(task.low)
+    online = np.array([s for episode in history.episodes for s in episode]).reshape(-1, n_dims)
+    demonstrated = np.array(history.demonstrated).reshape(-1, n_dims)
+    learned = policy_of(history.policies[-1].weights, features)
+    return [
+        ("What it would do where", plots.policy_maps(task, learned, best_policy)),
+        ("Where it has been", plots.visit_maps(task, demonstrated, online)),
+    ]
