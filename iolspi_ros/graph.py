@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import random
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any
 import yaml
 
 from iolspi_ros.errors import InputError
+from iolspi_ros.nodes.start import PARENT
 
 PATIENCE = 5.0
 """Seconds that a node has to end by itself; ours need less than two."""
@@ -53,13 +54,8 @@ def isolate() -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(free_domain())
-    os.environ.setdefault("HOME", "/tmp")  # rcl writes its logs there
+    os.environ.setdefault("HOME", tempfile.gettempdir())  # rcl writes its logs there
     return int(os.environ["ROS_DOMAIN_ID"])
-
-
-def _end_with_parent() -> None:
-    """Ask Linux to interrupt this process when its parent is gone, killed or not."""
-    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
 
 
 class Graph:
@@ -101,9 +97,9 @@ class Graph:
         with (self._folder / f"{node}.log").open("wb") as log:
             # A session of its own: a Ctrl-C reaches us alone, and we end the nodes in order.
             self._processes[node] = subprocess.Popen(
-                [sys.executable, "-m", "iolspi_ros.nodes.start", node, *arguments],
+                [sys.executable, "-P", "-m", "iolspi_ros.nodes.start", node, *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                preexec_fn=_end_with_parent,
+                env=os.environ | {PARENT: str(os.getpid())},
             )  # fmt: skip
 
     def check(self) -> None:

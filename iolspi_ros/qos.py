@@ -8,8 +8,15 @@ CONTROL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 SAMPLES = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 """sample: none may be lost, so a fast writer waits for a slow reader."""
 
+REPORTS = QoSProfile(
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""score, update, weights: whoever comes late still gets what was."""
+
 OUTGOING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Who publishes any of those, and all reports: a slow recorder can still catch up."""
+"""Who publishes any of those, and /diagnostics: a slow recorder can still catch up."""
 
 RECORDING = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
 """Who listens to keep everything."""

@@ -190,7 +190,7 @@ def type_name(message: Any) -> str:
 
 def whole(value: float) -> int:
     """Integer of a float entry; -1 for what is no integer (as NaN)."""
-    return int(value) if float(value).is_integer() else -1
+    return int(value) if abs(value) < 2.0**53 and float(value).is_integer() else -1
 
 
 def split(stamp: int) -> tuple[int, int]:

@@ -39,7 +39,7 @@ if [ "$(uname -s)-$(uname -m)" != Linux-x86_64 ]; then
     say "On other machines install ROS 2 Jazzy and build with colcon: see README.md."
     exit 1
 fi
-: "${HOME:?HOME is not set; ROS 2 needs it for its logs: export HOME=/some/folder and try again}"
+export HOME="${HOME:-/tmp}" # ROS 2 writes its logs there
 
 if ! { [ -x .venv/bin/python ] && usable .venv/bin/python; }; then
     rm -rf .venv

@@ -68,6 +68,10 @@ class Simulator(Node):
         self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self.get_logger().info(
+            f"{self.world.task.name} in {self.settings.mode}; actions are heard on "
+            f"{self.resolve_topic_name('action')}"
+        )
         if self.settings.mode == "lockstep":
             runtime.wall_timer(self, self.settings.resend_after, self._repeat)
         else:
@@ -131,11 +135,12 @@ class Simulator(Node):
             self._publish()
 
     def _publish(self) -> None:
-        if self._paused or self._done or not self.context.ok():
+        if self._paused or self._done:
             return
-        self._state_out.publish(self._state_message)
-        self._reward_out.publish(self._reward_message)
-        self._clock_out.publish(self._clock_message)  # last: whoever answers is at work already
+        runtime.publish(self._state_out, self._state_message)
+        runtime.publish(self._reward_out, self._reward_message)
+        # Last: whoever answers is at work already.
+        runtime.publish(self._clock_out, self._clock_message)
         self._published = time.monotonic()
 
     # ------------------------------------------------------------ what comes in

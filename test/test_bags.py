@@ -1,3 +1,4 @@
+import contextlib
 import shutil
 import sqlite3
 
@@ -166,6 +167,20 @@ def test_bad_bags_get_a_clear_message(tmp_path):
     (tmp_path / "junk" / "junk.mcap").write_bytes(bytes(range(256)) * 40)
     with pytest.raises(InputError, match="cut off"):
         read(tmp_path / "junk")
+
+
+def test_damaged_bytes_inside_are_no_crash(tmp_path):
+    path = tmp_path / "bag"
+    write(path, samples()).close()
+    file = next(path.glob("*.mcap"))
+    whole = bytearray(file.read_bytes())
+    for place in range(len(whole) // 4, len(whole) - 100, 997):
+        whole[place : place + 33] = b"X" * 33
+    file.write_bytes(whole)
+    with contextlib.suppress(InputError):  # a message, not a crash
+        found = read(path)
+        assert len(found.samples) <= N
+        assert found.transitions(2).usable(3).shape == (len(found.samples),)
 
 
 def test_a_bag_is_never_overwritten(tmp_path):

@@ -21,7 +21,7 @@ COMMANDS = ("demo", "learn", "record", "run")
 
 
 def iolspi(*arguments, cwd=None, deadline=120.0):
-    command = [sys.executable, "-m", "iolspi_ros", *map(str, arguments)]
+    command = [sys.executable, "-P", "-m", "iolspi_ros", *map(str, arguments)]
     return subprocess.run(
         command, cwd=cwd, capture_output=True, text=True, timeout=deadline, check=False
     )
@@ -48,7 +48,10 @@ def test_help_and_version():
         (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),
         (("learn", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("demo", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
-        (("demo", "--set", "6"), "set_6"),
+        (("demo", "--set", "6"), "--set is 6; allowed: 1 to 5"),
+        (("learn", "--seed", "-1"), "Invalid value for '--seed'"),
+        (("record", "--out", "/proc/no"), "bag /proc/no cannot be made"),
+        (("run", "learner", "-p", "seed:=1"), "would do nothing; allowed: --ros-args"),
         (("demo", "--seconds", "-1"), "--seconds is -1.0; allowed"),
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("record", "--set", "7", "--out", "x"), "--set is 7; allowed: 1 to 5"),
@@ -145,6 +148,13 @@ def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
     assert "Traceback" not in said
     assert not [line for line in graph_processes() if str(out) in line]
     assert (out / "checkpoint.npz").is_file()
+
+
+def test_a_folder_that_is_called_like_the_package_is_in_nobodys_way(tmp_path):
+    (tmp_path / "iolspi_ros").mkdir()  # as in the folder that holds a clone
+    (tmp_path / "sim_nodes").mkdir()
+    result = iolspi("record", "--out", "bag", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
 
 
 def test_a_recorded_set_can_be_learned_from(tmp_path):

@@ -51,6 +51,14 @@ def test_neighbours_are_one_width_apart():
     np.testing.assert_allclose(values[0, 3], math.exp(-0.5))  # next along the first
 
 
+@given(st.lists(numbers, min_size=3, max_size=3), st.tuples(*[st.integers(1, 4)] * 3))
+def test_contracted_by_dimension_the_sum_is_the_same(state, counts):
+    grid = RBFGrid((-1.0, -2.0, 0.0), (1.0, 2.0, 3.0), counts, "asymmetric", 0.8)
+    weights = np.random.default_rng(0).standard_normal((5, grid.size))
+    found = grid.weigh(weights, np.array(state))
+    np.testing.assert_allclose(found, weights @ grid(np.array(state)), atol=1e-12)
+
+
 def test_a_batch_is_its_rows_and_nothing_follows_an_end():
     grid = RBFGrid((-1.0, -1.0), (1.0, 1.0), (4, 3))
     states = np.random.default_rng(0).uniform(-1, 1, (6, 2))

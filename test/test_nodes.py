@@ -316,6 +316,7 @@ def test_a_stick_makes_samples_of_a_person(nodes, peer, tmp_path):
 
     peer.until(steer)
     nodes.wait_for("demonstrator", "demonstration ended: 300 samples")
+    assert "waiting for a joystick" in nodes.log("demonstrator")
     found = [rows.sample(m) for m in peer.heard["sample"]]
     assert {s.source for s in found} == {Source.HUMAN}
     assert {s.transition.action for s in found} >= {0, 2}
@@ -359,6 +360,35 @@ def test_a_replay_can_keep_the_recorded_time(nodes, peer):
     assert time.monotonic() - start > 1.4
     peer.until(lambda: len(peer.heard["demonstration"]) == 2)
     assert list(peer.heard["demonstration"][-1].data[-2:]) == [0.0, 6300.0]
+
+
+def test_without_a_joystick_nothing_is_recorded(nodes, peer, tmp_path):
+    peer.listen("state", JointState)
+    nodes.start("simulator")
+    bag = tmp_path / "bag"
+    nodes.start("demonstrator", "-p", "source:=joy", "-p", f"record:={bag}")
+    nodes.wait_for("demonstrator", "waiting for a joystick on /joy")
+    peer.until(lambda: len(peer.heard["state"]) >= 10)  # asked again and again
+    assert len({m.header.stamp.nanosec for m in peer.heard["state"]}) == 1
+    assert not bag.exists()
+
+
+def test_a_checkpoint_of_before_is_never_overwritten(nodes, tmp_path):
+    path = tmp_path / "policy.npz"
+    path.write_bytes(b"what another learner learned")
+    nodes.start("learner", *UNINFORMED, "-p", f"checkpoint:={path}")
+    nodes.wait_for("learner", "acting on")
+    assert nodes.end("learner")[0] == 0
+    assert path.read_bytes() == b"what another learner learned"  # nothing was learned
+    for k in (1, 2):
+        nodes.start("simulator", "-p", "episodes:=1")
+        nodes.start("learner", *UNINFORMED, "-p", "update_interval:=100", "-p",
+                    f"checkpoint:={path}", name="again")  # fmt: skip
+        nodes.wait_for("simulator", "done: 1 episodes")
+        assert nodes.end("again")[0] == 0
+        assert nodes.end("simulator")[0] == 0
+        assert (tmp_path / f"policy.{k}.npz").is_file()
+    assert (tmp_path / "policy.1.npz").read_bytes() == b"what another learner learned"
 
 
 # ---------------------------------------------------------------- bad input

@@ -105,6 +105,12 @@ def test_an_episode_is_cut_by_the_clock_after_300_steps():
     assert world.vehicle_time == pytest.approx(1.5)
 
 
+def test_a_sweep_starts_everywhere_in_turn():
+    world = World(TASK, WorldSettings(order="sweep"), np.random.default_rng(0))
+    starts = [world.begin(k).state for k in range(42)]
+    np.testing.assert_array_equal(starts, np.tile(TASK.initial_states(), (2, 1)))
+
+
 def test_upright_is_the_whole_last_half_second():
     states = np.zeros((301, 3, 2))
     states[:, 0, 0] = 0.2

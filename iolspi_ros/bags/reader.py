@@ -101,10 +101,10 @@ def _recover_mcap(path: Path, damage: Damage) -> Iterator[Record]:
             damage.notes.append(f"{path.name}: {type(error).__name__} while reading")
     if not closed:
         lost = size - good
-        damage.notes.append(
-            f"{path.name} was cut off: it was not closed, and its last {lost} of {size} bytes "
-            "are no complete message"
-        )
+        rest = f"its last {lost} of {size} bytes are no complete message"
+        if not lost:
+            rest = "all that is on disk is readable"
+        damage.notes.append(f"{path.name} was cut off: it was not closed, and {rest}")
 
 
 def _recover_db3(path: Path, damage: Damage) -> Iterator[Record]:

@@ -23,10 +23,10 @@ SHOWN = 21
 def demo(
     task: Annotated[str, typer.Option(help="The task to learn.")] = "pendulum",
     demonstration: Annotated[
-        int, typer.Option("--set", help="Shipped demonstration set, 1 to 5 (T Table 1).")
+        int, typer.Option("--set", help="Shipped demonstration set, 1 to 5.")
     ] = 5,
     seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
-    seed: Annotated[int, typer.Option(help="Of the simulator and the learner.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the simulator and the learner.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for everything that is left.")] = Path(
         "out/demo"
     ),
@@ -37,10 +37,14 @@ def demo(
     process of its own. Leaves report.html, summary.json, a bag of the run and a checkpoint.
     """
     from iolspi_ros import graph, resources
+    from iolspi_ros.bags import BagWriter
+    from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
     check_range("--seconds", seconds, 1.5, 1e5)
     config = resources.find("config", f"{_known(task)}.yaml")
+    if not 1 <= demonstration <= 5:
+        raise InputError(f"--set is {demonstration}; allowed: 1 to 5")
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     episodes = max(1, round(seconds / (vehicle.dt * vehicle.episode_steps)))
@@ -51,14 +55,21 @@ def demo(
         f"{episodes} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
     )
     start = time.monotonic()
-    with graph.Graph(out) as nodes:
-        common = {"seed": seed}
-        nodes.start("simulator", common | {"episodes": episodes}, config)
-        nodes.start(
-            "learner", common | {"checkpoint": str(out.resolve() / "checkpoint.npz")}, config
-        )
-        nodes.start("demonstrator", {"bags": [str(bag)], "source": "bag"}, config)
-        history, extra = _watch(nodes, vehicle, out, episodes, bag)
+    with (
+        BagWriter(out / "bag") as recording,
+        watching(vehicle, recording) as monitor,
+        graph.Graph(out) as nodes,
+    ):
+        keep = str(out.resolve() / "checkpoint.npz")
+        nodes.start("simulator", {"seed": seed, "episodes": episodes}, config)
+        nodes.start("learner", {"seed": seed, "checkpoint": keep}, config)
+        replay = {"bags": [str(bag)], "source": "bag", "listeners": 2, "learner_timeout": 60.0}
+        nodes.start("demonstrator", replay, config)
+        try:
+            history, extra = _watch(nodes, monitor, episodes, bag)
+        except (InputError, KeyboardInterrupt):
+            console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
+            raise
     _report(out, vehicle, config, history, start, extra, demonstration)
 
 
@@ -83,47 +94,42 @@ def _fresh(out: Path) -> Path:
     return out
 
 
-def _watch(
-    nodes: Any, vehicle: Any, out: Path, episodes: int, bag: Path
-) -> tuple[Any, dict[str, Any]]:
+def _watch(nodes: Any, monitor: Any, episodes: int, bag: Path) -> tuple[Any, dict[str, Any]]:
     """Follow the graph through its four parts."""
     from rclpy.utilities import get_rmw_implementation_identifier
 
-    from iolspi_ros.bags import BagWriter, read_card
-    from iolspi_ros.nodes.monitor import watching
+    from iolspi_ros.bags import read_card
 
-    with BagWriter(out / "bag") as recording, watching(vehicle, recording) as monitor:
+    def follow(what: str, total: int, done: Callable[[], int], seconds: float) -> None:
+        with bar(what, total) as show:
 
-        def follow(what: str, total: int, done: Callable[[], int], seconds: float) -> None:
-            with bar(what, total) as show:
+            def ready() -> bool:
+                nodes.check()
+                show(done())
+                return done() >= total
 
-                def ready() -> bool:
-                    nodes.check()
-                    show(done())
-                    return done() >= total
+            monitor.wait(ready, seconds, what)
 
-                monitor.wait(ready, seconds, what)
-
-        samples = int(read_card(bag).get("samples", 1))
-        follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
-        follow("learning offline", 1, lambda: monitor.updates, 120.0)
-        begin = time.monotonic()
-        online = 60.0 + episodes
-        follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
-        pace = sum(map(len, monitor.episodes)) / (time.monotonic() - begin)
-        monitor.switch("/learner/learn", on=False)
-        monitor.trigger("/learner/save")
-        monitor.set_parameters("simulator", order="sweep", episodes=SHOWN)
-        monitor.trigger("/simulator/reset")
-        follow("showing [episodes]", SHOWN, lambda: len(monitor.scores) - episodes, 60.0)
-        settled = time.monotonic() + 0.5  # a score may overtake the last states
-        monitor.wait(lambda: time.monotonic() > settled, 5.0, "the last states")
-        return monitor.history(episodes), {
-            "lockstep_steps_per_second": round(pace, 1),
-            "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
-            "observations_missed_by_recorder": monitor.missed,
-            "rmw": get_rmw_implementation_identifier(),
-        }
+    samples = int(read_card(bag).get("samples", 1))
+    follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
+    follow("learning offline", 1, lambda: monitor.updates, 120.0)
+    begin = time.monotonic()
+    online = 60.0 + episodes
+    follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
+    pace = sum(map(len, monitor.episodes)) / (time.monotonic() - begin)
+    monitor.switch("/learner/learn", on=False)
+    monitor.trigger("/learner/save")
+    monitor.set_parameters("simulator", order="sweep", episodes=SHOWN)
+    monitor.trigger("/simulator/reset")
+    follow("showing [episodes]", SHOWN, lambda: len(monitor.scores) - episodes, 60.0)
+    settled = time.monotonic() + 0.5  # a score may overtake the last states
+    monitor.wait(lambda: time.monotonic() > settled, 5.0, "the last states")
+    return monitor.history(episodes), {
+        "lockstep_steps_per_second": round(pace, 1),
+        "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+        "observations_missed_by_recorder": monitor.missed,
+        "rmw": get_rmw_implementation_identifier(),
+    }
 
 
 def _report(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -29,7 +30,7 @@ def learn(
         typer.Option(help="Bag to learn from first; give it again for more bags."),
     ] = None,
     seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
-    seed: Annotated[int, typer.Option(help="Of the vehicle and the learner.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the vehicle and the learner.")] = 0,
     config: Annotated[
         Optional[Path], typer.Option(help="Parameter file; config/TASK.yaml by default.")
     ] = None,
@@ -51,10 +52,12 @@ def learn(
     world, learner = _make(task, config or resources.find("config", f"{task}.yaml"), seed)
     vehicle, settings = world.task, learner.settings
     episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
+    least = vehicle.dt * math.ceil(settings.update_interval / vehicle.episode_steps)
+    least *= vehicle.episode_steps
     if not demos and episodes * vehicle.episode_steps < settings.update_interval:
         raise InputError(
-            f"--seconds {seconds:g} is less than one update and there are no --demos: nothing would "
-            f"be learned; allowed: at least {settings.update_interval * settings.sampling_time:g}"
+            f"--seconds {seconds:g} is less than one update and there are no --demos: nothing "
+            f"would be learned; allowed: at least {least:g}"
         )
     _make_folder(out)
     history = History(vehicle.dt)

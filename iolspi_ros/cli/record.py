@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -23,50 +24,49 @@ def record(
     mode: Annotated[str, typer.Option(help="perform or explore.")] = "perform",
     corruption: Annotated[float, typer.Option(help="Probability of a random action.")] = 0.0,
     demonstration: Annotated[
-        Optional[int], typer.Option("--set", help="Mode and corruption of T's set 1 to 5 instead.")
+        Optional[int],
+        typer.Option("--set", help="Mode and corruption of the shipped set 1 to 5 instead."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the pilot and the simulator.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the pilot and the simulator.")] = 0,
 ) -> None:
     """Record 21 episodes, one from each start, flown by the scripted pilot on a ROS 2 graph."""
     from iolspi_ros import bags, graph, resources
     from iolspi_ros.errors import InputError
+    from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import task_class
 
     vehicle = task_class(task)()
     if demonstration is not None:
         if demonstration not in SETS:
-            raise InputError(f"--set is {demonstration}; allowed: 1 to 5 (T Table 1)")
+            raise InputError(f"--set is {demonstration}; allowed: 1 to 5")
         mode, corruption = SETS[demonstration]
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
     config = resources.find("config", f"{task}.yaml")
     graph.isolate()
-    logs = out.with_name(f".{out.name}.logs")
-    logs.mkdir(parents=True, exist_ok=True)
-    with graph.Graph(logs) as nodes:
-        nodes.start("simulator", {"seed": seed, "order": "sweep"}, config)
-        nodes.start(
-            "demonstrator",
-            {
-                "seed": seed, "source": "scripted", "mode": mode, "corruption": corruption,
-                "record": str(out.resolve()),
-            },
-            config,
-        )  # fmt: skip
-        _wait(nodes, vehicle, out)
+    logs = Path(tempfile.mkdtemp(prefix="iolspi-record-"))
+    wanted = {
+        "seed": seed, "source": "scripted", "mode": mode, "corruption": corruption,
+        "record": str(out.resolve()),
+    }  # fmt: skip
+    try:
+        with watching(vehicle) as monitor, graph.Graph(logs) as nodes:
+            nodes.start("simulator", {"seed": seed, "order": "sweep"}, config)
+            nodes.start("demonstrator", wanted, config)
+            _wait(nodes, monitor, vehicle, out)
+    finally:
+        shutil.rmtree(logs)
     bags.compact(out)
-    shutil.rmtree(logs)
     card = bags.read_card(out)
     console.print(f"{out}: {card['samples']} samples, flown by {card['pilot']}")
 
 
-def _wait(nodes: Any, vehicle: Any, out: Path) -> None:
+def _wait(nodes: Any, monitor: Any, vehicle: Any, out: Path) -> None:
     """Until the demonstrator has written its card, which it does last."""
     from iolspi_ros.bags import CARD
-    from iolspi_ros.nodes.monitor import watching
 
     total = len(vehicle.initial_states()) * vehicle.episode_steps
-    with watching(vehicle) as monitor, bar("recording [samples]", total) as show:
+    with bar("recording [samples]", total) as show:
 
         def ready() -> bool:
             nodes.check()

@@ -65,6 +65,14 @@ def save(path: Path, learner: OnlineLSPI, task: str) -> None:
         ) from error
 
 
+def set_aside(path: Path) -> Path:
+    """Rename a checkpoint of somebody else out of the way; return its new name."""
+    number = 1
+    while (other := path.with_name(f"{path.stem}.{number}{path.suffix}")).exists():
+        number += 1
+    return path.rename(other)
+
+
 def load(path: Path, learner: OnlineLSPI, task: str) -> None:
     """Make `learner` go on from a checkpoint.
 

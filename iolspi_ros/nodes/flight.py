@@ -61,16 +61,31 @@ class Flight:
         self._rewards = wire.RewardRows()
         self._given: dict[tuple[int, int], tuple[int, Source]] = {}
         self._ended = 0
+        self._begun = False
         self._pilot: ScriptedPilot | None = None
         if node.settings.source == "scripted":
             self._pilot = ScriptedPilot(node.task, pilot, self._rng)
         self._stick = Stick(stick, len(node.task.actions), node.task.neutral)
-        node.create_subscription(Joy, "joy", self._stick.take, qos.CONTROL)
+        node.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)
         self._seat = Seat(
             node, node.task.joints, node.task.neutral, self, settings.simulator_timeout
         )
-        node.begin()
+        if self._pilot is not None:
+            self._begin()
+        else:
+            topic = node.resolve_topic_name("joy")
+            node.get_logger().info(f"waiting for a joystick on {topic}")
+
+    def _begin(self) -> None:
+        self._node.begin()
         self._seat.take()
+
+    def _on_joy(self, message: Joy) -> None:
+        self._stick.take(message)
+        if self._pilot is None and not self._begun:
+            self._begun = True
+            self._node.get_logger().info("the joystick is there; flying")
+            self._begin()
 
     def answered(self, observation: Observation, source: Source, answer: Any) -> None:
         """Record what the vehicle showed and what it was told; end after the last episode."""
@@ -93,6 +108,8 @@ class Flight:
         if transition.terminated or transition.truncated:
             self._given.clear()
             self._ended += 1
+            total = self._settings.episodes
+            self._node.get_logger().info(f"episode {self._ended} of {total} flown")
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """What the pilot does, or now and then a random action instead."""

@@ -67,8 +67,12 @@ class Learner(Node):
             )
         self.core = OnlineLSPI(algorithm, np.random.default_rng([self.settings.seed, 1]))
         self.learning = True
+        self._saved: Path | None = None  # checkpoint whose content this learner grew from
         if self.settings.resume:
-            checkpoint.load(self._checkpoint(), self.core, self.settings.task)
+            path = self._checkpoint()
+            checkpoint.load(path, self.core, self.settings.task)
+            self._saved = path
+            self.get_logger().info(f"resumed from {path} at step {self.core.step}")
         self._demonstrations = Demonstrations(self.settings.joints)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="solve")
         self._offline: Future[OfflineResult] | None = None
@@ -93,7 +97,10 @@ class Learner(Node):
         runtime.wall_timer(self, 0.05, self._look_after)
         runtime.wall_timer(self, 1.0, lambda: self._reports.diagnostics(self._condition()))
         if s.resume or not s.informed:
-            self._seat.take()
+            self._fly()
+        else:
+            topic = self.resolve_topic_name("sample")
+            self.get_logger().info(f"waiting for a demonstration on {topic}")
 
     def close(self) -> None:
         """Finish what is being computed, and save."""
@@ -101,8 +108,8 @@ class Learner(Node):
             return
         self._closing = True
         self._worker.shutdown(wait=True, cancel_futures=True)
-        if self.settings.checkpoint:
-            self._save()
+        if self.get_parameter("checkpoint").value and self.core.moments.n_samples:
+            self.get_logger().info(self._save())
 
     # ------------------------------------------------------------ in the seat
 
@@ -189,7 +196,11 @@ class Learner(Node):
         self.get_logger().info(result.describe())
         self._reports.offline(result)
         self._reports.weights()
+        self._fly()
+
+    def _fly(self) -> None:
         self._seat.take()
+        self.get_logger().info(f"acting on {self.resolve_topic_name('action')}")
 
     # ------------------------------------------------------------ services and parameters
 
@@ -220,8 +231,9 @@ class Learner(Node):
             self._finish_solving(wait=True)
             path = self._checkpoint()
             checkpoint.load(path, self.core, self.settings.task)
+            self._saved = path
             self._reports.weights()
-            self._seat.take()
+            self._fly()
             response.success, response.message = True, f"loaded {path}"
         except InputError as error:
             response.success, response.message = False, str(error)
@@ -231,7 +243,11 @@ class Learner(Node):
         if self._offline is None:
             self._finish_solving(wait=True)
         path = self._checkpoint()
+        if path != self._saved and path.exists():
+            kept = checkpoint.set_aside(path)
+            self.get_logger().warning(f"{path} was there already; it is {kept} now")
         checkpoint.save(path, self.core, self.settings.task)
+        self._saved = path
         return f"saved {path}"
 
     def _checkpoint(self) -> Path:

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -64,9 +65,9 @@ class Monitor(Node):
         self._listen("reward", Float64MultiArray, self._on_reward)
         self._listen("action", Float64MultiArray, lambda message: None)
         self._listen("sample", Float64MultiArray, self._on_sample)
-        self._listen("score", Float64MultiArray, self._on_score)
-        self._listen("update", Float64MultiArray, self._on_update)
-        self._listen("weights", Float64MultiArray, self._on_weights)
+        self._listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
+        self._listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
+        self._listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
         self._listen("/diagnostics", DiagnosticArray, self._on_diagnostics)
 
     def interrupt(self) -> None:
@@ -164,7 +165,13 @@ class Monitor(Node):
             offline=self._offline,
         )
 
-    def _listen(self, topic: str, kind: Any, handle: Callable[[Any], None]) -> None:
+    def _listen(
+        self,
+        topic: str,
+        kind: Any,
+        handle: Callable[[Any], None],
+        profile: QoSProfile = qos.RECORDING,
+    ) -> None:
         name = wire.type_name(kind())
 
         def receive(data: bytes) -> None:
@@ -173,7 +180,7 @@ class Monitor(Node):
             if self._bag is not None:
                 self._bag.write(topic, name, self._stamp, data)
 
-        self.create_subscription(kind, topic, receive, qos.RECORDING, raw=True)
+        self.create_subscription(kind, topic, receive, profile, raw=True)
 
     def _on_state(self, message: Any) -> None:
         self._note(self._pairer.state(message))

@@ -30,6 +30,7 @@ class PlayerSettings(Settings):
         0.0, "replay at so many times the recorded speed; 0.0 for as fast as it goes",
         low=0.0, high=1e6,
     )  # fmt: skip
+    listeners: int = setting(1, "replay: nodes that must listen before it begins", low=1)
     learner_timeout: float = setting(
         10.0, "replay: give up when nobody listens for this long [s]; 0.0 for never",
         low=0.0, high=1e6,
@@ -59,7 +60,7 @@ class Player:
 
     def _play(self) -> None:
         if self._next == 0:
-            if not self._node.listeners():
+            if self._node.listeners() < self._settings.listeners:
                 self._check_patience()
                 return
             self._node.begin()

@@ -13,6 +13,7 @@ from iolspi_ros import qos, wire
 from iolspi_ros.core.lspi import OfflineResult, Solve
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation
+from iolspi_ros.nodes import runtime
 
 
 class Reports:
@@ -30,9 +31,9 @@ class Reports:
         self._core = core
         self._score_rows = wire.Rows("score", wire.SCORE)
         self._update_rows = wire.Rows("update", wire.UPDATE)
-        self._score_out = node.create_publisher(Float64MultiArray, "score", qos.OUTGOING)
-        self._update_out = node.create_publisher(Float64MultiArray, "update", qos.OUTGOING)
-        self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.OUTGOING)
+        self._score_out = node.create_publisher(Float64MultiArray, "score", qos.REPORTS)
+        self._update_out = node.create_publisher(Float64MultiArray, "update", qos.REPORTS)
+        self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.REPORTS)
         self._diagnostics_out = node.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
         self._solve: Solve | None = None
         self._kept = 0
@@ -55,14 +56,15 @@ class Reports:
         self._key = (observation.episode, observation.step)
         if observation.last:
             values = (*self._head(), self._score, self._discounted, self._explored)
-            self._score_out.publish(self._score_rows.message(*values))
+            runtime.publish(self._score_out, self._score_rows.message(*values))
 
     def update(self, update: Update) -> None:
         """Publish one policy update."""
         solve, core = update.solve, self._core
         self._solve = solve
         self._kept += not update.accepted
-        self._update_out.publish(
+        runtime.publish(
+            self._update_out,
             self._update_rows.message(
                 *self._head(), update.number, update.accepted, float(np.linalg.norm(core.weights)),
                 update.change, core.epsilon, solve.condition, solve.rank, solve.residual,
@@ -79,7 +81,8 @@ class Reports:
 
     def weights(self) -> None:
         """Publish the weights in use."""
-        self._weights_out.publish(wire.weights_message(self._core.weights, self._core.updates))
+        message = wire.weights_message(self._core.weights, self._core.updates)
+        runtime.publish(self._weights_out, message)
 
     def diagnostics(self, condition: dict[str, object]) -> None:
         """Publish the learner's health.
@@ -115,7 +118,7 @@ class Reports:
         name = f"{self._node.get_fully_qualified_name()[1:]}: learning"
         status = DiagnosticStatus(level=level, name=name, message=text, values=pairs)
         message.status = [status]
-        self._diagnostics_out.publish(message)
+        runtime.publish(self._diagnostics_out, message)
 
     def _head(self) -> tuple[int, int, int, int]:
         now = self._node.get_clock().now().nanoseconds

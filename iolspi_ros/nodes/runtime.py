@@ -7,7 +7,7 @@ import gc
 import signal
 import sys
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -16,6 +16,7 @@ from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from iolspi_ros.errors import InputError
@@ -43,6 +44,15 @@ def executor() -> Executor:
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """A timer on the machine's steady clock, whatever the graph's clock does; period in s."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def publish(publisher: Publisher, message: Any) -> None:
+    """Publish, unless a signal has just ended the context."""
+    try:
+        publisher.publish(message)
+    except RCLError:
+        if rclpy.ok():
+            raise
 
 
 def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> int:

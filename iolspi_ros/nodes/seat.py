@@ -97,7 +97,7 @@ class Seat:
                 self.ignore(str(error))
                 return
             self._heard = True
-            if observation is not None and self.taken and self._node.context.ok():
+            if observation is not None and self.taken:
                 self._respond(observation)
 
         return receive
@@ -105,7 +105,7 @@ class Seat:
     def _respond(self, observation: Observation) -> None:
         key = (observation.episode, observation.step)
         if key == self._newest:
-            self._out.publish(self._answer)
+            runtime.publish(self._out, self._answer)
             return
         for before, transition in self._pairer.transitions(observation):
             self._occupant.transition(before, transition)
@@ -114,7 +114,7 @@ class Seat:
         self._newest = key
         action, source = self._choose(observation)
         self._answer = self._rows.message(*key, *wire.split(observation.stamp), action, source)
-        self._out.publish(self._answer)
+        runtime.publish(self._out, self._answer)
         self._occupant.answered(observation, source, self._answer)
 
     def _choose(self, observation: Observation) -> tuple[int, Source]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 import signal
@@ -14,11 +15,26 @@ NODES = {
 }
 
 
+PARENT = "IOLSPI_PARENT"
+"""Variable with the process that a node must not outlive, if there is one."""
+
+
 def start(node: str) -> int:
     """Import and run a node; until it runs, SIGINT and SIGTERM end the process with 0."""
+    _follow_parent()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
     return int(importlib.import_module(NODES[node]).main())
+
+
+def _follow_parent() -> None:
+    """Ask Linux to interrupt this process when its parent is gone, killed or not."""
+    parent = os.environ.get(PARENT)
+    if parent is None:
+        return
+    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
+    if os.getppid() != int(parent):
+        sys.exit(0)  # it was gone before
 
 
 def simulator() -> int:

@@ -8,7 +8,7 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,13 +28,13 @@ p.lead{color:#52606d;margin-top:0}img{width:100%;height:auto}
 .fact{background:#f1f3f5;border-radius:.5rem;padding:.7rem 1rem}
 .fact b{display:block;font-size:1.4rem}.fact span{color:#52606d;font-size:.85rem}
 table{border-collapse:collapse;font-size:.9rem}td{padding:.1rem .8rem .1rem 0;vertical-align:top}
-canvas{background:#f8f9fa;border-radius:.5rem}
+canvas{background:#f8f9fa;border-radius:.5rem;display:block}p.say{color:#52606d;margin:.2rem 0}
 """
 
 _SWING = """
 <h2>The last episode, as the graph flew it</h2>
 <canvas id="swing" width="260" height="260" role="img"
- aria-label="animation of the pendulum"></canvas> <span id="clock"></span>
+ aria-label="animation of the pendulum"></canvas><p class=say id="clock"></p>
 <script>
 const a=ANGLES, dt=DT, c=document.getElementById('swing').getContext('2d');
 const start=performance.now();
@@ -51,6 +51,14 @@ requestAnimationFrame(draw)
 """
 
 
+class Part(NamedTuple):
+    """A figure under its heading, with a sentence on how to read it; or ready HTML."""
+
+    heading: str
+    content: Figure | str
+    says: str = ""
+
+
 def swing(states: Array, dt: float) -> str:
     """Animation of a pendulum's episode, angle zero upright."""
     angles = [round(float(state[0]), 3) for state in states]
@@ -62,7 +70,7 @@ def write(
     title: str,
     lead: str,
     facts: Sequence[tuple[str, str]],
-    parts: Sequence[tuple[str, Figure | str]],
+    parts: Sequence[Part],
     summary: dict[str, Any],
 ) -> None:
     """Write the page.
@@ -73,8 +81,7 @@ def write(
     title, lead : str
     facts : sequence of (str, str)
         Big number and what it is.
-    parts : sequence of (str, Figure or str)
-        Heading and a figure, or an empty heading and ready HTML.
+    parts : sequence of Part
     summary : dict
         Shown as a table at the end.
     """
@@ -83,10 +90,10 @@ def write(
         for value, name in facts
     )
     rows = "".join(
-        f"<tr><td>{html.escape(name)}<td>{html.escape(str(value))}"
+        f"<tr><td>{html.escape(name.replace('_', ' '))}<td>{html.escape(_short(value))}"
         for name, value in summary.items()
     )
-    body = "".join(_part(heading, content) for heading, content in parts)
+    body = "".join(map(_part, parts))
     page = (
         f"<!doctype html><html lang=en><meta charset=utf-8>"
         f"<meta name=viewport content='width=device-width'><title>{html.escape(title)}</title>"
@@ -98,11 +105,16 @@ def write(
         file.write(page.encode())
 
 
-def _part(heading: str, content: Figure | str) -> str:
-    if isinstance(content, str):
-        return content
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _part(part: Part) -> str:
+    if isinstance(part.content, str):
+        return part.content
     buffer = io.BytesIO()
-    content.savefig(buffer, format="png", dpi=120)
+    part.content.savefig(buffer, format="png", dpi=120)
     picture = base64.b64encode(buffer.getvalue()).decode()
-    text = html.escape(heading)
-    return f"<h2>{text}</h2><img alt='{text}' src='data:image/png;base64,{picture}'>"
+    text = html.escape(part.heading)
+    says = f"<p class=say>{html.escape(part.says)}</p>"
+    return f"<h2>{text}</h2>{says}<img alt='{text}' src='data:image/png;base64,{picture}'>"

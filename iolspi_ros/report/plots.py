@@ -94,7 +94,12 @@ def policy_maps(task: Task, learned: Policy, best: Policy, points: int = 181) ->
         image = axes.pcolormesh(x, y, chosen, cmap=colours, norm=edges, rasterized=True)
         axes.grid(False)
     bar = figure.colorbar(image, ax=panels, ticks=range(len(task.actions)), shrink=0.8)
-    bar.set_ticklabels([f"{value:+g} {task.action_unit}" for value in task.actions])
+    bar.set_ticklabels(
+        [
+            f"{value:+g} {task.action_unit}" if value else f"0 {task.action_unit}"
+            for value in task.actions
+        ]
+    )
     return figure
 
 
@@ -108,7 +113,7 @@ def visit_maps(task: Task, demonstrated: Array, online: Array, bins: int = 60) -
     ):
         _label(
             axes,
-            f"{title}: {len(states)} samples",
+            f"{title}: {len(states)} states",
             "position [rad]",
             "velocity [rad/s]" if axes is panels[0] else "",
         )

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
@@ -16,9 +15,8 @@ from iolspi_ros.core.reference import NearOptimal
 from iolspi_ros.experiments.evaluate import Evaluation, evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.history import History
 from iolspi_ros.report import page, plots
+from iolspi_ros.report.page import Part
 from sim_nodes.tasks.base import Task
-
-Part = tuple[str, Figure | str]
 
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
@@ -83,7 +81,7 @@ def finish(
     parts += _learning(task, features, history, best)
     parts += _maps(task, features, history, best_policy)
     facts = [
-        (f"{summary['ratio_to_near_optimal']:.3f}", "cost, in that of the near-optimal policy"),
+        (f"{summary['ratio_to_near_optimal']:.3f}", "times the near-optimal cost"),
         (f"{summary['upright_fraction']:.0%}", "of the starts end upright"),
         (f"{summary['vehicle_seconds']:.0f} s", "of vehicle time learning online"),
         (f"{summary['demonstrated_samples']}", "demonstrated samples"),
@@ -100,8 +98,9 @@ def _shown(task: Task, history: History) -> list[Part]:
     n = len(history.shown)
     episodes = [np.array(states) for states in history.shown]
     figure = plots.positions(task, episodes, f"The last {n} episodes: greedy, not learning")
-    moving = [("", page.swing(episodes[-1], task.dt))] if task.name == "pendulum" else []
-    return [*moving, ("What it does now", figure)]
+    moving = [Part("", page.swing(episodes[-1], task.dt))] if task.name == "pendulum" else []
+    says = "One line per start. At zero the goal is reached; a line that stays there holds it."
+    return [*moving, Part("What it does now", figure, says)]
 
 
 def _learning(task: Task, features: RBFGrid, history: History, best: Evaluation) -> list[Part]:
@@ -115,13 +114,24 @@ def _learning(task: Task, features: RBFGrid, history: History, best: Evaluation)
     last = [np.array(states) for states in history.episodes[-10:]]
     score = plots.learning_score(history.scores, task.dt * task.episode_steps)
     return [
-        (
+        Part(
             "How good each policy was",
             plots.discounted_return(times, returns, best.discounted_return),
+            "After each update, the greedy policy flown from every start on the model, learning "
+            "turned off. The red line is the best that is possible, nearly.",
         ),
-        ("What it earned while learning", score),
-        ("While still exploring", plots.positions(task, last, "The last episodes of learning")),
-        ("Health of the solves", plots.solve_condition(times, conditions)),
+        Part(
+            "What it earned while learning",
+            score,
+            "Sum of rewards of each episode, with its exploring actions.",
+        ),
+        Part("While still exploring", plots.positions(task, last, "The last episodes of learning")),
+        Part(
+            "Health of the solves",
+            plots.solve_condition(times, conditions),
+            "Digits that a solve may lose: 1e6 costs six of sixteen. It grows as samples crowd "
+            "where the policy lives.",
+        ),
     ]
 
 
@@ -132,6 +142,10 @@ def _maps(task: Task, features: RBFGrid, history: History, best_policy: NearOpti
     demonstrated = np.array(history.demonstrated).reshape(-1, n_dims)
     learned = policy_of(history.policies[-1].weights, features)
     return [
-        ("What it would do where", plots.policy_maps(task, learned, best_policy)),
-        ("Where it has been", plots.visit_maps(task, demonstrated, online)),
+        Part(
+            "What it would do where",
+            plots.policy_maps(task, learned, best_policy),
+            "The two agree where the vehicle has been (see below); elsewhere nothing was learned.",
+        ),
+        Part("Where it has been", plots.visit_maps(task, demonstrated, online)),
     ]
