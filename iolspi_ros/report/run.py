@@ -145,7 +145,7 @@ def _maps(task: Task, features: RBFGrid, history: History, best_policy: NearOpti
         Part(
             "What it would do where",
             plots.policy_maps(task, learned, best_policy),
-            "The two agree where the vehicle has been (see below); elsewhere nothing was learned.",
+            "Compare them where the vehicle has been (below); elsewhere nothing was learned.",
         ),
         Part("Where it has been", plots.visit_maps(task, demonstrated, online)),
     ]
