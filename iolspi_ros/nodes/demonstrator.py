@@ -122,6 +122,8 @@ class Demonstrator(Node):
         bag, self._bag = self._bag, None
         bag.close()
         bags.write_card(bag.path, self._card())
+        # Printed: after a signal nothing can be logged to the graph any more.
+        print(f"demonstrator: {self._sent} samples are in {bag.path}", file=sys.stderr)
 
     def _announce(self, *, active: bool) -> None:
         episode, step, stamp = self._last

@@ -109,7 +109,8 @@ class Learner(Node):
         self._closing = True
         self._worker.shutdown(wait=True, cancel_futures=True)
         if self.get_parameter("checkpoint").value and self.core.moments.n_samples:
-            self.get_logger().info(self._save())
+            # Printed: after a signal nothing can be logged to the graph any more.
+            print(f"learner: {self._save()}", file=sys.stderr)
 
     # ------------------------------------------------------------ in the seat
 
