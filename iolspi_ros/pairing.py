@@ -14,9 +14,6 @@ from typing import Any
 from iolspi_ros import wire
 from iolspi_ros.core.samples import Array, Observation, Transition
 
-WINDOW = 512
-"""Messages and observations kept while their partners are awaited."""
-
 
 class Pairer:
     """Pairs states with rewards, and observations with those one step on.
@@ -25,10 +22,13 @@ class Pairer:
     ----------
     joints : sequence of str
         The task's joints, in the order of its state.
+    window : int
+        Messages and observations kept while their partners are awaited.
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    def __init__(self, joints: Sequence[str], window: int = 512) -> None:
         self._joints = joints
+        self._window = window
         self._rows = wire.RewardRows()
         self._states: OrderedDict[int, Array] = OrderedDict()
         self._rewards: OrderedDict[int, Sequence[float]] = OrderedDict()
@@ -46,7 +46,7 @@ class Pairer:
         state, stamp = wire.read_state(self._joints, message)
         if stamp in self._states:
             return None  # repeated: its reward, repeated too, will say so
-        _keep(self._states, stamp, state)
+        self._keep(self._states, stamp, state)
         return self._complete(stamp)
 
     def reward(self, message: Any) -> Observation | None:
@@ -59,7 +59,7 @@ class Pairer:
         """
         values = self._rows.read(message)
         stamp = wire.join(values[2], values[3])
-        _keep(self._rewards, stamp, values)
+        self._keep(self._rewards, stamp, values)
         return self._complete(stamp)
 
     def transitions(self, observation: Observation) -> list[tuple[Observation, Transition]]:
@@ -77,7 +77,7 @@ class Pairer:
             after = self._observations.get((episode, right))
             if before is None or after is None or (episode, left) in self._formed:
                 continue
-            _keep(self._formed, (episode, left), None)
+            self._keep(self._formed, (episode, left), None)
             transition = Transition(
                 before.state, after.action, after.reward, after.state,
                 after.terminated, after.truncated,
@@ -91,12 +91,11 @@ class Pairer:
             return None
         observation = self._rows.observation(values, state, stamp)
         key = (observation.episode, observation.step)
-        _keep(self._observations, key, observation)
+        self._keep(self._observations, key, observation)
         return observation
 
-
-def _keep(store: OrderedDict[Any, Any], key: Any, value: Any) -> None:
-    """Remember `value`, and forget the oldest beyond the window."""
-    store[key] = value
-    if len(store) > WINDOW:
-        store.popitem(last=False)
+    def _keep(self, store: OrderedDict[Any, Any], key: Any, value: Any) -> None:
+        """Remember `value`, and forget the oldest beyond the window."""
+        store[key] = value
+        if len(store) > self._window:
+            store.popitem(last=False)

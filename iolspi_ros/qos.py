@@ -15,8 +15,9 @@ REPORTS = QoSProfile(
 )
 """score, update, weights: whoever comes late still gets what was."""
 
-OUTGOING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Who publishes any of those, and /diagnostics: a slow recorder can still catch up."""
+OUTGOING = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
+"""Who publishes any of those, and /diagnostics. Deep, so that a recorder still gets what the
+transport dropped when it was slow: DDS notices such a loss only after seconds."""
 
 RECORDING = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
 """Who listens to keep everything."""

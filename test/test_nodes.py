@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import bags, qos, wire
 from iolspi_ros.core.online import Source
-from iolspi_ros.core.samples import Observation
+from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.nodes import runtime
 from iolspi_ros.resources import find
 
@@ -235,6 +235,22 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
         return dropped == "2" and int(found["messages ignored"]) >= 2
 
     peer.until(counted)
+
+
+def test_a_demonstration_of_no_numbers_is_refused_and_another_awaited(nodes, peer):
+    sample_out = peer.publisher("sample", Float64MultiArray, qos.SAMPLES)
+    demonstration_out = peer.publisher("demonstration", Float64MultiArray, qos.LATCHED)
+    nodes.start("learner", "-p", "simulator_timeout:=0.0")
+    peer.until(lambda: sample_out.get_subscription_count())
+    rows, ends = wire.SampleRows(("shaft",)), wire.Rows("demonstration", wire.DEMONSTRATION)
+    for k, reward in enumerate([np.nan] * 5 + [-1.0] * 5):
+        t = Transition(np.array([0.1 * k, 0.0]), 1, reward, np.zeros(2))
+        sample_out.publish(rows.of(Sample(0, k, k, t, 4)))
+        if k == 4:
+            demonstration_out.publish(ends.message(0, k, 0, 0, False, 5))
+            nodes.wait_for("learner", "none of 5 demonstrated transitions is usable")
+    demonstration_out.publish(ends.message(0, 9, 0, 0, False, 5))
+    nodes.wait_for("learner", "acting on")
 
 
 def test_a_learner_interrupted_while_learning_offline_ends_soon_and_saves(nodes, tmp_path):

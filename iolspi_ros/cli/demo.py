@@ -110,6 +110,12 @@ def _watch(nodes: Any, monitor: Any, episodes: int, bag: Path) -> tuple[Any, dic
 
             monitor.wait(ready, seconds, what)
 
+    def connected() -> bool:
+        nodes.check()
+        return bool(monitor.connected())
+
+    monitor.wait(connected, 60.0, "the start of simulator and learner")
+    monitor.listen_to_samples()
     samples = int(read_card(bag).get("samples", 1))
     follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
     follow("learning offline", 1, lambda: monitor.updates, 120.0)
@@ -122,8 +128,7 @@ def _watch(nodes: Any, monitor: Any, episodes: int, bag: Path) -> tuple[Any, dic
     monitor.set_parameters("simulator", order="sweep", episodes=SHOWN)
     monitor.trigger("/simulator/reset")
     follow("showing [episodes]", SHOWN, lambda: len(monitor.scores) - episodes, 60.0)
-    settled = time.monotonic() + 0.5  # a score may overtake the last states
-    monitor.wait(lambda: time.monotonic() > settled, 5.0, "the last states")
+    monitor.wait_for_ends(episodes + SHOWN, 7.0)
     return monitor.history(episodes), {
         "lockstep_steps_per_second": round(pace, 1),
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
@@ -152,6 +157,8 @@ def _report(
     values = resources.parameters(config, "learner")
     features = from_mapping(LearnerSettings, values, str(config)).features()
     whole = [states for states in history.shown if len(states) == vehicle.episode_steps + 1]
+    if not whole:
+        raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
     shown = np.stack([np.array(states) for states in whole], axis=1)
     extra |= {
         "demonstration_set": demonstration,

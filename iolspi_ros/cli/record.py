@@ -65,6 +65,7 @@ def _wait(nodes: Any, monitor: Any, vehicle: Any, out: Path) -> None:
     """Until the demonstrator has written its card, which it does last."""
     from iolspi_ros.bags import CARD
 
+    monitor.listen_to_samples()
     total = len(vehicle.initial_states()) * vehicle.episode_steps
     with bar("recording [samples]", total) as show:
 

@@ -107,7 +107,7 @@ class Learner(Node):
         if self._closing:
             return
         self._closing = True
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._worker.shutdown(wait=True)
         if self.get_parameter("checkpoint").value and self.core.moments.n_samples:
             # Printed: after a signal nothing can be logged to the graph any more.
             print(f"learner: {self._save()}", file=sys.stderr)
@@ -166,7 +166,7 @@ class Learner(Node):
         self._finish_solving(wait=False)
         if self._offline is not None:
             if self._offline.done():
-                self._finish_offline(self._offline.result())
+                self._finish_offline(self._offline)
         elif not self._seat.taken and self._demonstrations.complete():
             self._start_offline()
 
@@ -191,9 +191,14 @@ class Learner(Node):
     def _inform(self, transitions: Transitions) -> OfflineResult:
         return self.core.inform(transitions, lambda iteration, change: not self._closing)
 
-    def _finish_offline(self, result: OfflineResult) -> None:
+    def _finish_offline(self, offline: Future[OfflineResult]) -> None:
         self._offline = None
         self._demonstrations.forget_end()
+        try:
+            result = offline.result()
+        except InputError as error:
+            self.get_logger().error(f"{error}; waiting for another demonstration")
+            return
         self.get_logger().info(result.describe())
         self._reports.offline(result)
         self._reports.weights()

@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -48,14 +49,17 @@ class Monitor(Node):
         self._offline = ""
         self.missed = 0  # observations that did not reach this recorder
         self._interrupted = False
+        self._heard: dict[str, Subscription] = {}
         self._dt = task.dt
         self._bag = bag
         self._stamp = 0
         self._newest = (-1, -1)
         self._states: list[Array] = []
+        self._episode = -1
+        self._ended = 0
         self._weights: dict[int, Array] = {}
         self._updates: dict[int, tuple[float, float, float]] = {}
-        self._pairer = Pairer(task.joints)
+        self._pairer = Pairer(task.joints, qos.RECORDING.depth)
         self._samples = wire.SampleRows(task.joints)
         self._scores = wire.Rows("score", wire.SCORE)
         self._update_rows = wire.Rows("update", wire.UPDATE)
@@ -64,11 +68,29 @@ class Monitor(Node):
         self._listen("state", JointState, self._on_state)
         self._listen("reward", Float64MultiArray, self._on_reward)
         self._listen("action", Float64MultiArray, lambda message: None)
-        self._listen("sample", Float64MultiArray, self._on_sample)
         self._listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
         self._listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
         self._listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
         self._listen("/diagnostics", DiagnosticArray, self._on_diagnostics)
+
+    def connected(self) -> bool:
+        """Whether a simulator and a learner are heard."""
+        needed = {"state", "reward", "score", "update", "weights"}
+        return all(self._heard[topic].get_publisher_count() for topic in needed)
+
+    def wait_for_ends(self, episodes: int, patience: float) -> None:
+        """Wait until the ends of so many episodes were seen: a score may overtake states.
+
+        What DDS has to send again comes within seconds; after `patience` [s] it is given up.
+        """
+        until = time.monotonic() + patience
+        self.wait(
+            lambda: self._ended >= episodes or time.monotonic() > until, 2 * patience, "their ends"
+        )
+
+    def listen_to_samples(self) -> None:
+        """Listen to the demonstrator, too; one that wants two listeners begins then."""
+        self._listen("sample", Float64MultiArray, self._on_sample)
 
     def interrupt(self) -> None:
         """Let the present or next `wait` end with KeyboardInterrupt."""
@@ -112,9 +134,17 @@ class Monitor(Node):
         """
         client = self.create_client(kind, service)
         self.wait(client.service_is_ready, 10.0, f"service {service}")
-        future = client.call_async(request)
-        self.wait(future.done, 20.0, f"an answer of {service}")
-        answer = future.result()
+        answers: list[Any] = []
+
+        def asked() -> bool:
+            # An answer can be lost while the two sides still discover each other; what is asked
+            # for here may be asked for twice.
+            if not answers or time.monotonic() - answers[-1][0] > 3.0:
+                answers.append((time.monotonic(), client.call_async(request)))
+            return any(future.done() for _, future in answers)
+
+        self.wait(asked, 20.0, f"an answer of {service}")
+        answer = next(future.result() for _, future in answers if future.done())
         if hasattr(answer, "success") and not answer.success:
             raise InputError(f"{service}: {answer.message}")
         return answer
@@ -180,7 +210,7 @@ class Monitor(Node):
             if self._bag is not None:
                 self._bag.write(topic, name, self._stamp, data)
 
-        self.create_subscription(kind, topic, receive, profile, raw=True)
+        self._heard[topic] = self.create_subscription(kind, topic, receive, profile, raw=True)
 
     def _on_state(self, message: Any) -> None:
         self._note(self._pairer.state(message))
@@ -196,11 +226,13 @@ class Monitor(Node):
         if key <= self._newest:
             return  # repeated
         self._newest = key
-        if observation.step == 0:
-            self._states = []
+        if observation.episode != self._episode:
+            self._episode, self._states = observation.episode, []
             self.episodes.append(self._states)
-        self.missed += observation.step - len(self._states)
-        self._states += [observation.state] * (observation.step - len(self._states) + 1)
+        gap = observation.step - len(self._states)
+        self.missed += gap
+        self._states += [observation.state] * (gap + 1)
+        self._ended = self._ended + observation.last
 
     def _on_sample(self, message: Any) -> None:
         self.demonstrated.append(self._samples.sample(message).transition.state)
