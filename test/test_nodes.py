@@ -297,6 +297,19 @@ def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
         assert status == 0 or (status, said) == (-signal.SIGINT, "")  # before our first line
 
 
+def test_a_simulator_that_starts_anew_is_answered_again(nodes, peer):
+    peer.listen("score", Float64MultiArray, qos.REPORTS)
+    nodes.start("learner", *UNINFORMED)
+    nodes.start("simulator", "-p", "seed:=1")
+    peer.until(lambda: len(peer.heard["score"]) >= 3)
+    nodes.end("simulator", signal.SIGKILL)
+    nodes.start("simulator", "-p", "seed:=2")
+    nodes.wait_for("learner", "the simulator has started anew")
+    n = len(peer.heard["score"])
+    peer.until(lambda: len(peer.heard["score"]) >= n + 2)
+    assert peer.heard["score"][-1].data[0] < 3.0
+
+
 # ---------------------------------------------------------------- demonstrator
 
 

@@ -17,6 +17,9 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.nodes import runtime
 from iolspi_ros.pairing import Pairer
 
+RESTARTED = 20
+"""Observations in a row, all older than the newest, after which they are another run's."""
+
 
 class Occupant(Protocol):
     """Who sits in the seat."""
@@ -64,15 +67,23 @@ class Seat:
         self._pairer = Pairer(joints)
         self._rows = wire.Rows("action", wire.ACTION)
         self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
+        self._joints = joints
         self._newest = (-1, -1)
+        self._older = 0
         self._answer: Any = None
         self._heard = False
         self._watch: Any = None
         self.taken = False
         self.invalid = 0
-        state, reward = self._receiver(self._pairer.state), self._receiver(self._pairer.reward)
-        node.create_subscription(JointState, "state", state, qos.CONTROL)
-        node.create_subscription(Float64MultiArray, "reward", reward, qos.CONTROL)
+        node.create_subscription(
+            JointState, "state", lambda m: self._receive(self._pairer.state, m), qos.CONTROL
+        )
+        node.create_subscription(
+            Float64MultiArray,
+            "reward",
+            lambda m: self._receive(self._pairer.reward, m),
+            qos.CONTROL,
+        )
 
     def take(self) -> None:
         """Begin to answer."""
@@ -89,21 +100,20 @@ class Seat:
         self.invalid += 1
         self._node.get_logger().warning(f"ignored: {why}", throttle_duration_sec=5.0)
 
-    def _receiver(self, pair: Callable[[Any], Observation | None]) -> Callable[[Any], None]:
-        def receive(message: Any) -> None:
-            try:
-                observation = pair(message)
-            except InputError as error:
-                self.ignore(str(error))
-                return
-            self._heard = True
-            if observation is not None and self.taken:
-                self._respond(observation)
-
-        return receive
+    def _receive(self, pair: Callable[[Any], Observation | None], message: Any) -> None:
+        try:
+            observation = pair(message)
+        except InputError as error:
+            self.ignore(str(error))
+            return
+        self._heard = True
+        if observation is not None and self.taken:
+            self._respond(observation)
 
     def _respond(self, observation: Observation) -> None:
         key = (observation.episode, observation.step)
+        if self._started_anew(key):
+            return  # what comes next is paired afresh
         if key == self._newest:
             runtime.publish(self._out, self._answer)
             return
@@ -116,6 +126,15 @@ class Seat:
         self._answer = self._rows.message(*key, *wire.split(observation.stamp), action, source)
         runtime.publish(self._out, self._answer)
         self._occupant.answered(observation, source, self._answer)
+
+    def _started_anew(self, key: tuple[int, int]) -> bool:
+        """Whether the simulator counts from the beginning again: only old keys for a while."""
+        self._older = self._older + 1 if key < self._newest else 0
+        if self._older < RESTARTED:
+            return False
+        self._node.get_logger().warning("the simulator has started anew")
+        self._pairer, self._newest, self._older = Pairer(self._joints), (-1, -1), 0
+        return True
 
     def _choose(self, observation: Observation) -> tuple[int, Source]:
         finite = all(map(math.isfinite, observation.state.tolist()))
