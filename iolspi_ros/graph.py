@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -116,25 +116,16 @@ class Graph:
                 lines = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
                 raise InputError(f"{node} ended (status {process.returncode}): {lines[-1]}")
 
-    def stop(self, nodes: Sequence[str] = ()) -> dict[str, int]:
-        """End nodes, all by default; kill what does not listen.
-
-        Returns
-        -------
-        dict
-            Exit status of each.
-        """
-        ending = {n: p for n, p in self._processes.items() if not nodes or n in nodes}
-        for process in ending.values():
+    def stop(self) -> None:
+        """End all nodes; kill what does not listen."""
+        for process in self._processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
         deadline = time.monotonic() + PATIENCE
-        for process in ending.values():
+        for process in self._processes.values():
             try:
                 process.wait(max(deadline - time.monotonic(), 0.01))
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        for node in ending:
-            del self._processes[node]
-        return {node: process.returncode for node, process in ending.items()}
+        self._processes.clear()

@@ -29,6 +29,22 @@ def find(*parts: str) -> Path:
     raise InputError(f"{'/'.join(parts)} is not there; allowed: a file of this package")
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder for results, unless it is there.
+
+    Raises
+    ------
+    InputError
+        When it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {path} cannot be made: {error.strerror}; allowed: a place you may write to"
+        ) from error
+
+
 def parameters(path: Path, node: str) -> dict[str, Any]:
     """What a ROS parameter file says to one node.
 

@@ -120,17 +120,6 @@ def test_infinite_moments_are_reported():
     assert solve(moments, GAMMA).status == "non-finite"
 
 
-def oscillating():
-    """Samples whose policies go round and round: few functions, much to fit."""
-    rng = np.random.default_rng(26)
-    n = 30
-    states, following = rng.uniform(-1, 1, (2, n, 1))
-    return Transitions(
-        states, rng.integers(2, size=n), rng.standard_normal(n), following,
-        np.zeros(n, bool), np.zeros(n, bool),
-    )  # fmt: skip
-
-
 class Bumps:
     size = 4
 

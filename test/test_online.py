@@ -9,8 +9,6 @@ from iolspi_ros.experiments.headless import Listener, train
 from sim_nodes.tasks import Pendulum
 from sim_nodes.world import World, WorldSettings
 
-SMALL = LearnerSettings(centers=(4, 3), update_interval=50, delta=0.1)
-
 
 def learner(seed=0, **changes):
     values = {"centers": (4, 3), "update_interval": 50, "delta": 0.1} | changes
@@ -155,12 +153,10 @@ def test_solving_beside_the_control_thread_gives_the_same():
 
 
 def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
-    straight, before, after = learner(), learner(), learner(seed=9)
-    worlds = world(), world()
-    train(worlds[0], straight, 4, Listener())
-    train(worlds[1], before, 2, Listener())  # 600 steps: in the middle of nothing
+    before, after = learner(), learner(seed=9)
+    train(world(), before, 2, Listener())
+    # One more, so that it is saved in the middle of a batch.
     before.observe(Transition(np.zeros(2), 1, -1.0, np.ones(2)))
-    straight_twin = learner()
     checkpoint.save(tmp_path / "a" / "c.npz", before, "pendulum")
     checkpoint.load(tmp_path / "a" / "c.npz", after, "pendulum")
     for name in ("weights", "step", "updates"):
@@ -168,7 +164,6 @@ def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
     train(world(5), before, 2, Listener())
     train(world(5), after, 2, Listener())
     np.testing.assert_array_equal(after.weights, before.weights)
-    assert not (straight_twin.weights == straight.weights).all()
 
 
 @pytest.mark.parametrize("cut", [0, 100, -50])

@@ -82,15 +82,12 @@ def _known(task: str) -> str:
 
 def _fresh(out: Path) -> Path:
     """An empty folder; what an earlier demo left there goes."""
+    from iolspi_ros import resources
+
     if out.is_dir() and any(out.iterdir()) and not (out / "simulator.log").is_file():
         raise InputError(f"--out {out} holds other files; allowed: a new folder, or a demo's")
-    try:
-        shutil.rmtree(out, ignore_errors=True)
-        out.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(
-            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
-        ) from error
+    shutil.rmtree(out, ignore_errors=True)
+    resources.make_folder(out)
     return out
 
 

@@ -59,7 +59,7 @@ def learn(
             f"--seconds {seconds:g} is less than one update and there are no --demos: nothing "
             f"would be learned; allowed: at least {least:g}"
         )
-    _make_folder(out)
+    resources.make_folder(out)
     history = History(vehicle.dt)
     if demos:
         _inform(learner, history, vehicle, demos)
@@ -101,15 +101,6 @@ def _make(task: str, file: Path, seed: int) -> tuple[World, OnlineLSPI]:
     vehicle = make_task(task, simulated, str(file))
     world = World(vehicle, noise, np.random.default_rng([seed, 0]))
     return world, OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
-        ) from error
 
 
 def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Path]) -> None:

@@ -7,7 +7,7 @@ import gc
 import signal
 import sys
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -20,14 +20,6 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from iolspi_ros.errors import InputError
-
-
-class Closing(Protocol):
-    """A node with something to put away at the end."""
-
-    def close(self) -> None:
-        """Save what was recorded or learned; safe to call more than once."""
-        ...
 
 
 def executor() -> Executor:
