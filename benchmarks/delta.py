@@ -13,7 +13,8 @@ import numpy as np
 
 from iolspi_ros import resources
 from iolspi_ros.bags import read_demonstration
-from iolspi_ros.core.online import LearnerSettings, OnlineLSPI
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.headless import Listener, train
 from sim_nodes.tasks import Pendulum

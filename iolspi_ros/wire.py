@@ -27,7 +27,8 @@ ACTION = (*KEY, "action", "source")
 SCORE = (*KEY, "score", "discounted_return", "explored")
 UPDATE = (
     *KEY, "number", "accepted", "weights_norm", "change", "epsilon",
-    "condition", "rank", "residual", "samples",
+    "condition", "rank", "residual", "samples", "online_steps",
+    "status", "policies", "predicted", "predicted_before", "delta", "refused",
 )  # fmt: skip
 DEMONSTRATION = (*KEY, "active", "samples")
 

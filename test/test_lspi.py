@@ -56,7 +56,7 @@ def policy_iteration(t, n_states, n_actions):
 
 def run(t, features, n_actions, weights, **options):
     options = {"gamma": GAMMA, "delta": 0.0, "chi": 1e-9, "max_iterations": 50} | options
-    return offline_lspi(t, features, n_actions, weights=weights, **options)
+    return offline_lspi(t, features, n_actions, weights=weights, **options)[0]
 
 
 @settings(max_examples=60, deadline=None)

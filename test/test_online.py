@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from iolspi_ros.core import checkpoint
-from iolspi_ros.core.online import LearnerSettings, OnlineLSPI, Source
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.online import OnlineLSPI, Source
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, train
@@ -11,8 +12,8 @@ from sim_nodes.world import World, WorldSettings
 
 
 def learner(seed=0, **changes):
-    values = {"centers": (4, 3), "update_interval": 50, "delta": 0.1} | changes
-    return OnlineLSPI(LearnerSettings(**values), np.random.default_rng([seed, 1]))
+    values = {"algorithm": "literal", "centers": (4, 3), "update_interval": 50, "delta": 0.1}
+    return OnlineLSPI(LearnerSettings(**values | changes), np.random.default_rng([seed, 1]))
 
 
 def world(seed=0):
@@ -92,17 +93,15 @@ def test_informed_it_goes_on_from_the_weights_and_the_matrices():
     core = learner(update_interval=10)
     result = core.inform(demonstration())
     np.testing.assert_array_equal(core.weights, result.solve.weights)
-    assert core.moments is result.moments
-    assert core.moments.n_samples == 400
+    informed = core.moments
+    assert informed.n_samples == core.n_samples == 400
     state = np.array([1.0, 2.0])
     for _ in range(10):
         core.observe(Transition(state, 0, -1.0, state))
-    update = core.update()
-    assert update.moments.n_samples == 410
+    core.update()
+    assert core.moments.n_samples == 410
     phi = core.features(state)
-    np.testing.assert_allclose(
-        update.moments.gram[0], result.moments.gram[0] + 10 * np.outer(phi, phi)
-    )
+    np.testing.assert_allclose(core.moments.gram[0], informed.gram[0] + 10 * np.outer(phi, phi))
 
 
 def test_numbers_that_are_none_are_dropped_and_counted():
@@ -138,8 +137,9 @@ def test_an_unhealthy_solve_keeps_the_weights():
     np.testing.assert_array_equal(core.weights, before)
 
 
-def test_solving_beside_the_control_thread_gives_the_same():
-    cores = [learner(), learner()]
+@pytest.mark.parametrize("algorithm", ["literal", "refreshed"])
+def test_solving_beside_the_control_thread_gives_the_same(algorithm):
+    cores = [learner(algorithm=algorithm) for _ in range(2)]
     inline, beside = cores
     for core in cores:
         core.inform(demonstration())
@@ -152,8 +152,9 @@ def test_solving_beside_the_control_thread_gives_the_same():
     np.testing.assert_array_equal(inline.weights, beside.weights)
 
 
-def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
-    before, after = learner(), learner(seed=9)
+@pytest.mark.parametrize("algorithm", ["literal", "refreshed"])
+def test_a_checkpoint_goes_on_bit_by_bit(tmp_path, algorithm):
+    before, after = learner(algorithm=algorithm), learner(seed=9, algorithm=algorithm)
     train(world(), before, 2, Listener())
     # One more, so that it is saved in the middle of a batch.
     before.observe(Transition(np.zeros(2), 1, -1.0, np.ones(2)))

@@ -70,7 +70,7 @@ def demo(
         except (InputError, KeyboardInterrupt):
             console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
             raise
-    _report(out, vehicle, config, history, start, extra, demonstration)
+    _report(out, vehicle, config, history, start, extra | {"seed": seed}, demonstration)
 
 
 def _known(task: str) -> str:
@@ -147,12 +147,11 @@ def _report(
     import numpy as np
 
     from iolspi_ros import resources
-    from iolspi_ros.core.online import LearnerSettings
+    from iolspi_ros.bags import read_demonstration
+    from iolspi_ros.experiments.headless import literal_beside, prepare
     from iolspi_ros.report import run as report
-    from iolspi_ros.settings import from_mapping
 
-    values = resources.parameters(config, "learner")
-    features = from_mapping(LearnerSettings, values, str(config)).features()
+    features = prepare(vehicle.name, config, 0)[1].features
     whole = [states for states in history.shown if len(states) == vehicle.episode_steps + 1]
     if not whole:
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
@@ -168,8 +167,14 @@ def _report(
         "not by a person."
     )
     title = f"Learning the {vehicle.name} from demonstrations"
-    with console.status("computing the near-optimal policy and drawing …"):
-        summary = report.finish(out, title, lead, vehicle, features, history, extra)
+    with console.status("computing the near-optimal policy and the literal algorithm, drawing …"):
+        bag = resources.find("demos", vehicle.name, f"set_{demonstration}")
+        taught = read_demonstration(bag, vehicle.name, vehicle.joints)
+        beside = literal_beside(
+            vehicle.name, config, extra["seed"], taught.transitions(len(vehicle.low)),
+            len(history.scores),
+        )  # fmt: skip
+        summary = report.finish(out, title, lead, vehicle, features, history, extra, beside)
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy costs "
         f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] times the near-optimal one;\n"

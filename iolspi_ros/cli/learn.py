@@ -15,9 +15,9 @@ from iolspi_ros.errors import InputError, check_range
 
 if TYPE_CHECKING:
     from iolspi_ros.core.online import OnlineLSPI
+    from iolspi_ros.core.samples import Transitions
     from iolspi_ros.experiments.history import History
     from sim_nodes.tasks.base import Task
-    from sim_nodes.world import World
 
 
 @app.command(
@@ -41,7 +41,7 @@ def learn(
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
     from iolspi_ros import resources
     from iolspi_ros.core import checkpoint
-    from iolspi_ros.experiments.headless import remember, train
+    from iolspi_ros.experiments.headless import literal_beside, prepare, remember, train
     from iolspi_ros.experiments.history import History
     from iolspi_ros.report import run as report
     from sim_nodes.tasks import task_class
@@ -49,7 +49,8 @@ def learn(
     task_class(task)
     check_range("--seconds", seconds, 0.0, 1e6)
     start = time.monotonic()
-    world, learner = _make(task, config or resources.find("config", f"{task}.yaml"), seed)
+    file = config or resources.find("config", f"{task}.yaml")
+    world, learner = prepare(task, file, seed)
     vehicle, settings = world.task, learner.settings
     episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
     least = vehicle.dt * math.ceil(settings.update_interval / vehicle.episode_steps)
@@ -61,8 +62,7 @@ def learn(
         )
     resources.make_folder(out)
     history = History(vehicle.dt)
-    if demos:
-        _inform(learner, history, vehicle, demos)
+    transitions = _inform(learner, history, vehicle, demos) if demos else None
     try:
         with bar("learning online [episodes]", episodes) as show:
             train(world, learner, episodes, remember(history, learner, show))
@@ -73,10 +73,12 @@ def learn(
         raise KeyboardInterrupt  # before the first update: there is nothing to report
     extra = {"wall_seconds": round(time.monotonic() - start, 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
-    with console.status("computing the near-optimal policy and drawing …"):
-        features = learner.features
+    with console.status("computing the near-optimal policy and the literal algorithm, drawing …"):
+        beside = None
+        if not learner.literal:
+            beside = literal_beside(task, file, seed, transitions, len(history.scores))
         summary = report.finish(
-            out, f"Learning the {task}", lead, vehicle, features, history, extra
+            out, f"Learning the {task}", lead, vehicle, learner.features, history, extra, beside
         )
     console.print(
         f"Cost {summary['ratio_to_near_optimal']:.3f} times the near-optimal one, "
@@ -85,25 +87,7 @@ def learn(
     )
 
 
-def _make(task: str, file: Path, seed: int) -> tuple[World, OnlineLSPI]:
-    """World and learner as a parameter file describes them."""
-    import numpy as np
-
-    from iolspi_ros import resources
-    from iolspi_ros.core.online import LearnerSettings, OnlineLSPI
-    from iolspi_ros.settings import from_mapping
-    from sim_nodes.tasks import make_task
-    from sim_nodes.world import World, WorldSettings
-
-    simulated = resources.parameters(file, "simulator")
-    settings = from_mapping(LearnerSettings, resources.parameters(file, "learner"), str(file))
-    noise = from_mapping(WorldSettings, simulated, str(file))
-    vehicle = make_task(task, simulated, str(file))
-    world = World(vehicle, noise, np.random.default_rng([seed, 0]))
-    return world, OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-
-
-def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Path]) -> None:
+def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Path]) -> Transitions:
     """Offline LSPI on every bag together."""
     from iolspi_ros.bags import numbered_through, read_demonstration
     from iolspi_ros.core.samples import Transitions
@@ -126,4 +110,5 @@ def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Pa
     console.print(result.describe())
     history.demonstrated = list(transitions.state)
     history.offline = result.describe()
-    history.policies.append(Policy.of(0, 0.0, learner.weights, result.solve, accepted=True))
+    history.policies.append(Policy.of(result, 0.0, learner.weights))
+    return transitions

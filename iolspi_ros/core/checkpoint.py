@@ -7,20 +7,29 @@ import os
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from iolspi_ros.core.moments import Moments
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.errors import InputError
 
-FORMAT = 1
-_ARRAYS = ("weights", "gram", "cross", "reward")
-_NUMBERS = ("n_samples", "weight", "step", "updates", "dropped", "rng")
-_SHAPING = ("n_actions", "low", "high", "centers", "normalisation", "width")
+FORMAT = 2
+_MOMENTS = tuple(field.name for field in fields(Moments))
+_ROWS = tuple(field.name for field in fields(Transitions))
+_ARRAYS = (
+    "weights", "starts", "born", "demonstrated", *(f"moments_{name}" for name in _MOMENTS),
+    *(f"{part}_{name}" for part in ("batch", "buffer") for name in _ROWS),
+)  # fmt: skip
+_NUMBERS = ("step", "updates", "dropped", "rng")
+_SHAPING = (
+    "algorithm", "n_actions", "basis", "low", "high", "centers", "periodic", "normalisation",
+    "width",
+)  # fmt: skip
 
 
 @contextmanager
@@ -39,7 +48,7 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
 
 
 def save(path: Path, learner: OnlineLSPI, task: str) -> None:
-    """Write Γ, Λ, z, weights, counters and the random state.
+    """Write Γ, Λ, z or the samples kept, weights, counters and the random state.
 
     Raises
     ------
@@ -47,14 +56,22 @@ def save(path: Path, learner: OnlineLSPI, task: str) -> None:
         When the file cannot be written.
     """
     state = learner.state()
-    batch = {f"batch_{f.name}": getattr(state["batch"], f.name) for f in fields(Transitions)}
+    buffer = state["buffer"]
+    arrays = {
+        "weights": state["weights"],
+        "starts": state["starts"],
+        "born": buffer.born,
+        "demonstrated": buffer.demonstrated,
+    }
+    arrays |= {f"moments_{name}": getattr(state["moments"], name) for name in _MOMENTS}
+    for part, rows in (("batch", state["batch"]), ("buffer", buffer.transitions)):
+        arrays |= {f"{part}_{name}": getattr(rows, name) for name in _ROWS}
     about = {
         "format": FORMAT,
         "task": task,
         "settings": asdict(learner.settings),
         **{name: state[name] for name in _NUMBERS},
     }
-    arrays = {name: state[name] for name in _ARRAYS} | batch
     try:
         with atomic_file(path) as file:
             np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
@@ -95,11 +112,22 @@ def load(path: Path, learner: OnlineLSPI, task: str) -> None:
                 f"checkpoint {path} has {name} {about['settings'].get(name)}; "
                 f"allowed: {mine[name]}, this learner's"
             )
-    batch = Transitions(*(arrays[f"batch_{f.name}"] for f in fields(Transitions)))
+    batch, rows = (
+        Transitions(*(arrays[f"{part}_{name}"] for name in _ROWS)) for part in ("batch", "buffer")
+    )
+    moments = {name: arrays[f"moments_{name}"] for name in _MOMENTS}
+    for name in ("n_samples", "weight", "prior"):
+        moments[name] = moments[name].item()
+    buffer = replace(
+        learner.buffer,
+        transitions=rows,
+        born=arrays["born"],
+        demonstrated=arrays["demonstrated"],
+    )
     learner.restore(
-        {name: arrays[name] for name in _ARRAYS}
+        {name: arrays[name] for name in ("weights", "starts")}
         | {name: about[name] for name in _NUMBERS}
-        | {"batch": batch}
+        | {"moments": Moments(**moments), "buffer": buffer, "batch": batch}
     )
 
 

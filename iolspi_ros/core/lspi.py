@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from iolspi_ros.core.features import RBFGrid
-from iolspi_ros.core.moments import Moments, accumulate, accumulate_cross
+from iolspi_ros.core.moments import Moments, gather, gather_cross
 from iolspi_ros.core.samples import Transitions
 
 Array = NDArray[np.float64]
+Actions = NDArray[np.int64]
 
+STATUSES = ("ok", "singular", "ill-conditioned", "inaccurate", "non-finite", "diverging")
+"""What a solve can be; all but the first are unhealthy."""
+CONDITION_LIMIT = 1e12
+"""Condition number above which too few digits are left to believe a solve."""
 RESIDUAL_LIMIT = 1e-6
 """Relative residual above which a solve is not believed."""
+
+
+class Features(Protocol):
+    """What policy iteration asks of φ."""
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        ...
+
+    def __call__(self, states: Array, terminated: NDArray[np.bool_] | None = None) -> Array:
+        """φ of some states, zero where nothing follows."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -32,8 +50,9 @@ class Solve:
         Numerical rank, at most n_actions * size.
     residual : float
         ‖Mw - b‖ / ‖b‖ (or ‖Mw‖ when b is zero).
-    status : {"ok", "singular", "inaccurate", "non-finite"}
-        "singular" weights are the least-squares solution of least norm.
+    status : str
+        One of `STATUSES`. "singular" weights are the least-squares solution of least norm.
+        "diverging" is found by whoever knows the rewards: see `judge.plausible`.
     """
 
     weights: Array
@@ -46,6 +65,16 @@ class Solve:
     def healthy(self) -> bool:
         """Whether the weights may replace those in use."""
         return self.status == "ok"
+
+
+def system_matrix(moments: Moments, gamma: float, scaling: str = "samples") -> tuple[Array, Array]:
+    """(Γ - γΛ) and z over the scale (T Eqs. 9, 13), shapes (order, order) and (order,)."""
+    order = moments.n_actions * moments.size
+    scale = moments.scale(scaling)
+    matrix = (-gamma / scale) * moments.cross
+    for a in range(moments.n_actions):
+        matrix[a, :, a, :] += moments.gram[a] / scale
+    return matrix.reshape(order, order), moments.reward.ravel() / scale
 
 
 def solve(moments: Moments, gamma: float, scaling: str = "samples") -> Solve:
@@ -63,41 +92,49 @@ def solve(moments: Moments, gamma: float, scaling: str = "samples") -> Solve:
     -------
     Solve
     """
-    order = moments.n_actions * moments.size
-    scale = moments.scale(scaling)
-    matrix = (-gamma / scale) * moments.cross
-    for a in range(moments.n_actions):
-        matrix[a, :, a, :] += moments.gram[a] / scale
-    matrix = matrix.reshape(order, order)
-    target = moments.reward.ravel() / scale
-    if not (np.isfinite(matrix).all() and np.isfinite(target).all()):
-        weights = np.full((moments.n_actions, moments.size), np.nan)
-        return Solve(weights, np.inf, 0, np.inf, "non-finite")
+    found = solve_system(*system_matrix(moments, gamma, scaling))
+    return replace(found, weights=found.weights.reshape(moments.n_actions, moments.size))
 
+
+def solve_system(matrix: Array, target: Array) -> Solve:
+    """Solve Mw = b and say how far to believe it.
+
+    Parameters
+    ----------
+    matrix : ndarray of shape (order, order)
+    target : ndarray of shape (order,)
+
+    Returns
+    -------
+    Solve
+        Whose weights have shape (order,).
+    """
+    order = len(target)
+    norm = float(np.abs(matrix).sum(axis=1).max())  # 1-norm of the transpose
+    if not (np.isfinite(norm) and np.isfinite(target).all()):
+        return Solve(np.full(order, np.nan), np.inf, 0, np.inf, "non-finite")
     factors, pivots, failed = lapack.dgetrf(matrix.T, overwrite_a=False)
-    reciprocal = 0.0
-    if failed == 0:
-        norm = float(np.abs(matrix).sum(axis=1).max())  # 1-norm of the transpose
-        reciprocal = float(lapack.dgecon(factors, norm, norm="1")[0])
+    reciprocal = float(lapack.dgecon(factors, norm, norm="1")[0]) if failed == 0 else 0.0
     rank, status = order, "ok"
     if reciprocal > order * np.finfo(float).eps:
         weights = lapack.dgetrs(factors, pivots, target, trans=1)[0]
     else:
         weights, _, found, _ = np.linalg.lstsq(matrix, target, rcond=None)
         rank = int(found)
-        status = "singular" if rank < order else "ok"
+        status = "singular"
     residual = float(np.linalg.norm(matrix @ weights - target))
     residual /= float(np.linalg.norm(target)) or 1.0
     if not np.isfinite(weights).all():
         status = "non-finite"
+    elif status == "ok" and reciprocal * CONDITION_LIMIT < 1.0:
+        status = "ill-conditioned"
     elif status == "ok" and not residual <= RESIDUAL_LIMIT:
         status = "inaccurate"
     condition = 1.0 / reciprocal if reciprocal > 0.0 else np.inf
-    shaped: Array = np.reshape(weights, (moments.n_actions, moments.size))
-    return Solve(shaped, condition, rank, residual, status)
+    return Solve(weights, condition, rank, residual, status)
 
 
-def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -> NDArray[np.int64]:
+def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -> Actions:
     """Action with the largest Q̂(s, a) = φᵀ(s) w_a (T Eqs. 6, 7).
 
     Parameters
@@ -121,17 +158,103 @@ def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -
     return chosen
 
 
+class System(Protocol):
+    """LSTD-Q on one fixed set of samples, for one policy after the other."""
+
+    def policy(self, weights: Array) -> Actions:
+        """Greedy actions in the samples' next states, shape (n_samples,)."""
+        ...
+
+    def evaluate(self, policy: Actions) -> Solve:
+        """Weights of a policy given by its actions in the next states."""
+        ...
+
+
+class BlockSystem:
+    """Γ, Λ and z in blocks by action, solved densely.
+
+    Only Λ depends on the policy, and from one policy to the next few actions change: only
+    their samples are moved between its blocks.
+
+    Parameters
+    ----------
+    transitions : Transitions
+    features : Features
+    n_actions : int
+    gamma : float
+    weight : ndarray of shape (n_samples,)
+        How much each sample counts.
+    delta : float
+        δ of Γ₀ = δI; may be changed between policies.
+    scaling : {"samples", "weights"}
+    """
+
+    def __init__(
+        self,
+        transitions: Transitions,
+        features: Features,
+        n_actions: int,
+        gamma: float,
+        weight: Array,
+        delta: float,
+        scaling: str = "samples",
+    ) -> None:
+        self.gamma, self.delta, self.scaling = gamma, delta, scaling
+        self.phi = features(transitions.state)
+        self.next_phi = features(transitions.next_state, transitions.terminated)
+        self.action = transitions.action
+        self.weight = weight
+        self.gram, self.vector = gather(
+            self.phi, self.action, transitions.reward, weight, n_actions
+        )
+        self._cross: Array | None = None
+        self._last = self.action
+
+    def policy(self, weights: Array) -> Actions:
+        """Greedy actions in the next states, shape (n_samples,)."""
+        return greedy(weights, self.next_phi)
+
+    def moments(self, policy: Actions) -> Moments:
+        """Γ, Λ and z of a policy."""
+        n_actions, size = self.vector.shape
+        changed = np.flatnonzero(policy != self._last)
+        if self._cross is None or 2 * len(changed) > len(policy):
+            self._cross = gather_cross(
+                self.phi, self.action, self.next_phi, policy, self.weight, n_actions
+            )
+        else:
+            self._cross = self._cross + self._moved(policy, changed)
+        self._last = policy
+        gram = self.gram.copy()
+        gram[:, np.arange(size), np.arange(size)] += self.delta
+        mass = float(self.weight.sum())
+        return Moments(gram, self._cross, self.vector, len(policy), mass, self.delta)
+
+    def _moved(self, policy: Actions, changed: NDArray[np.int64]) -> Array:
+        """What Λ gains when some samples' next action becomes another."""
+        twice = np.concatenate([changed, changed])
+        after = np.concatenate([policy[changed], self._last[changed]])
+        sign = np.repeat([1.0, -1.0], len(changed))
+        return gather_cross(
+            self.phi[twice], self.action[twice], self.next_phi[twice], after,
+            sign * self.weight[twice], len(self.vector),
+        )  # fmt: skip
+
+    def evaluate(self, policy: Actions) -> Solve:
+        """Weights of a policy."""
+        return solve(self.moments(policy), self.gamma, self.scaling)
+
+
 @dataclass(frozen=True)
-class OfflineResult:
-    """What offline LSPI found, and how it stopped.
+class Iteration:
+    """What policy iteration found, and how it stopped.
 
     Attributes
     ----------
-    solve : Solve
-        The last solve; its weights are the policy.
-    moments : Moments
-        Γ, z, and the Λ that the last weights were solved from.
-    iterations : int
+    solves : tuple of Solve
+        One for each policy; the weights of the last are the policy found.
+    policy : ndarray of int, shape (n_samples,)
+        Actions in the next states that the last weights were solved for.
     stop : {"converged", "cap", "oscillating", "diverging", "interrupted"}
         "oscillating": the policy on the samples is one that was there before, and not the
         last one, so the iterations would repeat for ever.
@@ -141,26 +264,89 @@ class OfflineResult:
         ‖w_l - w_{l+1}‖ of each iteration.
     """
 
-    solve: Solve
-    moments: Moments
-    iterations: int
+    solves: tuple[Solve, ...]
+    policy: Actions
     stop: str
     period: int
     changes: tuple[float, ...]
 
+    @property
+    def solve(self) -> Solve:
+        """The last solve."""
+        return self.solves[-1]
+
+    @property
+    def iterations(self) -> int:
+        """Number of solves."""
+        return len(self.solves)
+
     def describe(self) -> str:
         """One line for a person."""
-        text = f"offline LSPI: {self.stop} after {self.iterations} iterations"
+        text = f"{self.stop} after {self.iterations} iterations"
         if self.period:
             text += f" (a cycle of {self.period} policies)"
-        if self.changes:
-            text += f", last change of the weights {self.changes[-1]:.3g}"
+        text += f", last change of the weights {self.changes[-1]:.3g}"
         return f"{text}; solve {self.solve.status}, condition {self.solve.condition:.1e}"
+
+
+def always(iteration: int, change: float) -> bool:
+    """Go on."""
+    return True
+
+
+def policy_iteration(
+    system: System,
+    weights: Array,
+    *,
+    chi: float,
+    max_iterations: int,
+    proceed: Callable[[int, float], bool] = always,
+) -> Iteration:
+    """Solve for a policy, become greedy, and so on (T Algorithm 1, lines 5 to 12).
+
+    Parameters
+    ----------
+    system : System
+    weights : ndarray of shape (n_actions, size)
+        w₀, the first policy.
+    chi : float
+        χ: stop when ‖w_l - w_{l+1}‖ is below it.
+    max_iterations : int
+        l_max.
+    proceed : callable
+        Called after each iteration with its number and ‖Δw‖; a false answer ends the loop.
+
+    Returns
+    -------
+    Iteration
+    """
+    seen: dict[bytes, int] = {}
+    solves: list[Solve] = []
+    changes: list[float] = []
+    stop, period = "cap", 0
+    for iteration in range(1, max_iterations + 1):
+        policy = system.policy(weights)
+        key = policy.tobytes()
+        solves.append(system.evaluate(policy))
+        changes.append(float(np.linalg.norm(solves[-1].weights - weights)))
+        weights = solves[-1].weights
+        if solves[-1].status == "non-finite":
+            stop = "diverging"
+        elif changes[-1] <= chi:
+            stop = "converged"
+        elif key in seen and seen[key] < iteration - 1:
+            stop, period = "oscillating", iteration - seen[key]
+        elif not proceed(iteration, changes[-1]):
+            stop = "interrupted"
+        if stop != "cap":
+            break
+        seen[key] = iteration
+    return Iteration(tuple(solves), policy, stop, period, tuple(changes))
 
 
 def offline_lspi(
     transitions: Transitions,
-    features: RBFGrid,
+    features: Features,
     n_actions: int,
     *,
     gamma: float,
@@ -169,63 +355,34 @@ def offline_lspi(
     max_iterations: int,
     weights: Array,
     scaling: str = "samples",
-    forget_factor: float = 1.0,
-    proceed: Callable[[int, float], bool] = lambda iteration, change: True,
-) -> OfflineResult:
+    proceed: Callable[[int, float], bool] = always,
+) -> tuple[Iteration, Moments]:
     """Iterate policies on one fixed set of samples (T Algorithm 1).
 
     Parameters
     ----------
     transitions : Transitions
         D, with finite numbers and known actions.
-    features : RBFGrid
+    features : Features
         φ.
     n_actions : int
     gamma : float in [0, 1)
     delta : float
         δ of Γ₀ = δI.
-    chi : float
-        χ: stop when ‖w_l - w_{l+1}‖ is below it.
-    max_iterations : int
-        l_max.
-    weights : ndarray of shape (n_actions, size)
-        w₀, the first policy.
-    scaling, forget_factor
-        As in `solve` and `accumulate`; T forgets nothing here (η = 1).
-    proceed : callable
-        Called after each iteration with its number and ‖Δw‖; a false answer ends the loop.
+    chi, max_iterations, weights, proceed
+        As in `policy_iteration`.
+    scaling
+        As in `solve`.
 
     Returns
     -------
-    OfflineResult
+    iteration : Iteration
+    moments : Moments
+        Γ, z, and the Λ that the last weights were solved from.
     """
-    phi = features(transitions.state)
-    next_phi = features(transitions.next_state, transitions.terminated)
-    start = Moments.empty(n_actions, features.size, delta)
-    action, reward = transitions.action, transitions.reward
-    policy = greedy(weights, next_phi)
-    moments = accumulate(start, phi, action, reward, next_phi, policy, forget_factor)
-    seen: dict[bytes, int] = {}
-    changes: list[float] = []
-    stop, period = "cap", 0
-    solution = solve(moments, gamma, scaling)
-    for iteration in range(1, max_iterations + 1):
-        changes.append(float(np.linalg.norm(solution.weights - weights)))
-        weights = solution.weights
-        key = policy.tobytes()
-        if solution.status == "non-finite":
-            stop = "diverging"
-        elif changes[-1] <= chi:
-            stop = "converged"
-        elif key in seen and seen[key] < iteration - 1:
-            stop, period = "oscillating", iteration - seen[key]
-        elif not proceed(iteration, changes[-1]):
-            stop = "interrupted"
-        if stop != "cap" or iteration == max_iterations:
-            break
-        seen[key] = iteration
-        policy = greedy(weights, next_phi)
-        cross = accumulate_cross(start.cross, phi, action, next_phi, policy, forget_factor)
-        moments = Moments(moments.gram, cross, moments.reward, moments.n_samples, moments.weight)
-        solution = solve(moments, gamma, scaling)
-    return OfflineResult(solution, moments, len(changes), stop, period, tuple(changes))
+    weight = np.ones(len(transitions))  # T forgets nothing here
+    system = BlockSystem(transitions, features, n_actions, gamma, weight, delta, scaling)
+    found = policy_iteration(
+        system, weights, chi=chi, max_iterations=max_iterations, proceed=proceed
+    )
+    return found, system.moments(found.policy)

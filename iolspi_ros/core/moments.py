@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.errors import check_choice, check_range
+from iolspi_ros.errors import InputError, check_choice, check_range
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ class Moments:
         Number of samples that went in, n_s.
     weight : float
         Sum of η^i for i = 1 … n_s, the scale of T Eq. 9-15.
+    prior : float
+        What is left in Γ of the δI that it started from.
     """
 
     gram: Array
@@ -37,13 +40,15 @@ class Moments:
     reward: Array
     n_samples: int = 0
     weight: float = 0.0
+    prior: float = 0.0
 
     @classmethod
     def empty(cls, n_actions: int, size: int, delta: float = 0.0) -> Moments:
         """Before any sample: Γ = δI, Λ = 0, z = 0 (T Algorithm 1, line 2)."""
         gram = np.zeros((n_actions, size, size))
         gram[:, np.arange(size), np.arange(size)] = delta
-        return cls(gram, np.zeros((n_actions, size, n_actions, size)), np.zeros((n_actions, size)))
+        cross = np.zeros((n_actions, size, n_actions, size))
+        return cls(gram, cross, np.zeros((n_actions, size)), prior=delta)
 
     @property
     def n_actions(self) -> int:
@@ -95,34 +100,101 @@ def accumulate(
     -------
     Moments
     """
-    gram, vector = _gram(moments, phi, action, reward, forget_factor)
-    cross = accumulate_cross(moments.cross, phi, action, next_phi, next_action, forget_factor)
     n, eta = len(phi), forget_factor
-    added = float(n) if eta == 1.0 else eta * (1.0 - eta**n) / (1.0 - eta)
-    return Moments(gram, cross, vector, moments.n_samples + n, eta**n * moments.weight + added)
+    weight, kept = fading(n, eta), eta**n
+    gram, vector = gather(phi, action, reward, weight, moments.n_actions)
+    cross = gather_cross(phi, action, next_phi, next_action, weight, moments.n_actions)
+    added = float(n) if eta == 1.0 else eta * (1.0 - kept) / (1.0 - eta)
+    return Moments(
+        kept * moments.gram + gram,
+        kept * moments.cross + cross,
+        kept * moments.reward + vector,
+        moments.n_samples + n,
+        kept * moments.weight + added,
+        kept * moments.prior,
+    )
 
 
-def accumulate_cross(
-    cross: Array,
+def fading(n: int, forget_factor: float) -> Array:
+    """Weight of each of n samples, oldest first: the last one counts 1 (T Eqs. 9-10 to 9-12)."""
+    return forget_factor ** np.arange(n - 1, -1, -1, dtype=np.float64)
+
+
+def gather(
+    phi: Array, action: NDArray[np.int64], reward: Array, weight: Array, n_actions: int
+) -> tuple[Array, Array]:
+    """Γ = Σ w φφᵀ and z = Σ w φr of weighted samples.
+
+    Returns
+    -------
+    gram : ndarray of shape (n_actions, size, size)
+    reward : ndarray of shape (n_actions, size)
+    """
+    size = phi.shape[1]
+    gram, vector = np.zeros((n_actions, size, size)), np.zeros((n_actions, size))
+    weighted = phi * weight[:, None]
+    for a in np.unique(action):
+        rows = action == a
+        gram[a] = weighted[rows].T @ phi[rows]
+        vector[a] = weighted[rows].T @ reward[rows]
+    return gram, vector
+
+
+def gather_cross(
     phi: Array,
     action: NDArray[np.int64],
     next_phi: Array,
     next_action: NDArray[np.int64],
-    forget_factor: float = 1.0,
+    weight: Array,
+    n_actions: int,
 ) -> Array:
-    """Add a batch to Λ alone, the one part that depends on the policy.
+    """Λ = Σ w φφ'ᵀ of weighted samples: the one part that depends on the policy.
 
     Returns
     -------
     ndarray of shape (n_actions, size, n_actions, size)
     """
-    weighted = phi * _weights(len(phi), forget_factor)[:, None]
-    cross = cross * forget_factor ** len(phi)
+    size = phi.shape[1]
+    cross = np.zeros((n_actions, size, n_actions, size))
+    weighted = phi * weight[:, None]
     for a in np.unique(action):
         for b in np.unique(next_action[action == a]):
             rows = (action == a) & (next_action == b)
-            cross[a, :, b, :] += weighted[rows].T @ next_phi[rows]
+            cross[a, :, b, :] = weighted[rows].T @ next_phi[rows]
     return cross
+
+
+def merge(fleet: Sequence[Moments]) -> Moments:
+    """Moments of several vehicles that fly one policy, as if gathered together.
+
+    Each vehicle forgets by its own steps, so what it saw k of its steps ago counts η^k. The δI
+    that each began with counts once: the largest that is left.
+
+    Parameters
+    ----------
+    fleet : sequence of Moments
+        One or more, of the same actions and functions.
+
+    Raises
+    ------
+    InputError
+        When there are none, or when their shapes differ.
+    """
+    shapes = sorted({moments.reward.shape for moments in fleet})
+    if len(shapes) != 1:
+        raise InputError(f"moments to merge have shapes {shapes}; allowed: one shape for all")
+    prior = max(moments.prior for moments in fleet)
+    gram = np.sum([moments.gram for moments in fleet], axis=0)
+    diagonal = np.arange(shapes[0][1])
+    gram[:, diagonal, diagonal] += prior - sum(moments.prior for moments in fleet)
+    return Moments(
+        gram,
+        np.sum([moments.cross for moments in fleet], axis=0),
+        np.sum([moments.reward for moments in fleet], axis=0),
+        sum(moments.n_samples for moments in fleet),
+        sum(moments.weight for moments in fleet),
+        prior,
+    )
 
 
 def forget_factor_for(samples: float, left: float = 0.01) -> float:
@@ -133,24 +205,3 @@ def forget_factor_for(samples: float, left: float = 0.01) -> float:
     check_range("samples", samples, 0.0, np.inf, low_open=True)
     check_range("left", left, 0.0, 1.0, low_open=True)
     return float(left ** (1.0 / samples))
-
-
-def _weights(n: int, forget_factor: float) -> Array:
-    return forget_factor ** np.arange(n - 1, -1, -1, dtype=np.float64)
-
-
-def _gram(
-    moments: Moments,
-    phi: Array,
-    action: NDArray[np.int64],
-    reward: Array,
-    forget_factor: float,
-) -> tuple[Array, Array]:
-    weighted = phi * _weights(len(phi), forget_factor)[:, None]
-    kept = forget_factor ** len(phi)
-    gram, vector = moments.gram * kept, moments.reward * kept
-    for a in np.unique(action):
-        rows = action == a
-        gram[a] += weighted[rows].T @ phi[rows]
-        vector[a] += weighted[rows].T @ reward[rows]
-    return gram, vector

@@ -1,24 +1,29 @@
-"""Online LSPI (T Algorithm 2) and its informed form, IOLSPI (T III-C)."""
+"""Online LSPI (T Algorithm 2), its informed form, IOLSPI (T III-C), and both refreshed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import NORMALISATIONS, RBFGrid
-from iolspi_ros.core.lspi import OfflineResult, Solve, greedy, offline_lspi, solve
-from iolspi_ros.core.moments import SCALINGS, Moments, accumulate
-from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.core import judge
+from iolspi_ros.core.buffer import Buffer
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi import Iteration, Solve, always, greedy, offline_lspi, solve
+from iolspi_ros.core.moments import Moments, accumulate
+from iolspi_ros.core.refresh import Judgement, refresh
+from iolspi_ros.core.samples import Batch, Transition, Transitions
 from iolspi_ros.errors import InputError
-from iolspi_ros.settings import Settings, setting
 
 Array = NDArray[np.float64]
+
+STARTS_KEPT = 32
+"""Latest states in which episodes began, from which policies are judged."""
 
 
 class Source(IntEnum):
@@ -33,81 +38,69 @@ class Source(IntEnum):
 
 
 @dataclass(frozen=True)
-class LearnerSettings(Settings):
-    """Everything that T Algorithms 1 and 2 take, and the grid of features.
-
-    Units: SI and radians, those of the state.
-    """
-
-    n_actions: int = setting(3, "number of actions", low=1, high=1000)
-    low: tuple[float, ...] = setting((-np.pi, -15 * np.pi), "lower limits of the grid of centres")
-    high: tuple[float, ...] = setting((np.pi, 15 * np.pi), "upper limits of the grid of centres")
-    centers: tuple[int, ...] = setting((11, 11), "centres per dimension (T IV-A)", low=1)
-    normalisation: str = setting(
-        "asymmetric", "scaling of the dimensions, T 9-1-2 or 9-1-3", choices=NORMALISATIONS
-    )
-    width: float = setting(
-        1.0, "width of a function in spacings of the centres", low=0.0, low_open=True
-    )
-    gamma: float = setting(0.98, "discount factor", low=0.0, high=1.0, high_open=True)
-    sampling_time: float = setting(0.005, "T_s [s]", low=0.0, low_open=True)
-    epsilon: float = setting(0.2, "exploration rate, or where it starts", low=0.0, high=1.0)
-    epsilon_decay: float = setting(
-        1.0, "factor on the exploration rate per second (T Eq. 14)", low=0.0, high=1.0
-    )
-    epsilon_min: float = setting(0.0, "exploration rate never decays below", low=0.0, high=1.0)
-    update_interval: int = setting(1000, "steps between solves, K_theta", low=1)
-    forget_factor: float = setting(
-        1.0, "weight kept per step, eta (T Eq. 9-10)", low=0.0, high=1.0, low_open=True
-    )
-    scaling: str = setting("samples", "divisor of a solve, T Eq. 9-14 or 9-15", choices=SCALINGS)
-    delta: float = setting(0.001, "Gamma starts as delta times the identity", low=0.0)
-    chi: float = setting(0.01, "offline LSPI stops when the weights change less", low=0.0)
-    max_iterations: int = setting(30, "offline LSPI stops after so many iterations", low=1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.features()  # the grid checks itself
-
-    def features(self) -> RBFGrid:
-        """The grid of radial basis functions."""
-        return RBFGrid(self.low, self.high, self.centers, self.normalisation, self.width)
-
-
-@dataclass(frozen=True)
 class Update:
     """One policy update.
 
     Attributes
     ----------
     number : int
-        l, counting from 1.
+        l, counting from 1; 0 for what was learned from demonstrations.
     step : int
         k, online steps so far.
-    moments : Moments
-        Γ, Λ, z with the batch added.
     solve : Solve
+        Its weights are those that the update found.
     accepted : bool
-        Whether the weights of the solve are now in use.
+        Whether they are now in use.
     change : float
         ‖w_l - w_{l+1}‖ that the solve asked for.
+    judgement : Judgement, optional
+        Why, when policies were compared.
+    iteration : Iteration, optional
+        The policy iteration that the weights come from, when there was one.
     """
 
     number: int
     step: int
-    moments: Moments
     solve: Solve
     accepted: bool
     change: float
+    judgement: Judgement | None = None
+    iteration: Iteration | None = None
+
+    def describe(self) -> str:
+        """One line for a person."""
+        parts = [f"update {self.number}" if self.number else "offline LSPI"]
+        if self.iteration:
+            parts[0] += f": {self.iteration.describe()}"
+        if self.judgement:
+            parts.append(self.judgement.describe())
+        if not (self.iteration or self.judgement):
+            kept = "" if self.accepted else ", the weights before stay"
+            parts.append(f"solve {self.solve.status}{kept}")
+        return "; ".join(parts)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an update's computation gives, to be taken by `finish_update`."""
+
+    weights: Array
+    solve: Solve
+    moments: Moments
+    buffer: Buffer
+    judgement: Judgement | None = None
+    iteration: Iteration | None = None
 
 
 class OnlineLSPI:
     """Learns from a stream of transitions; acts ε-greedily on what it knows.
 
     Between updates the policy is fixed, so `observe` only keeps the transition; every
-    `update_interval` of them become one batch, one accumulation and one solve (T Algorithm 2,
-    lines 7 to 12). `update` does that at once. `begin_update` and `finish_update` are its two
-    halves for whoever computes in another thread: what runs between them touches nothing here.
+    `update_interval` of them become one batch and one update (T Algorithm 2, lines 7 to 12).
+    The literal algorithm adds the batch to Γ, Λ and z and solves; the refreshed one adds it to
+    a buffer and looks for the best policy there. `update` does that at once. `begin_update`
+    and `finish_update` are its two halves for whoever computes in another thread: what runs
+    between them touches nothing here.
 
     Parameters
     ----------
@@ -122,11 +115,21 @@ class OnlineLSPI:
         self.features = settings.features()
         shape = (settings.n_actions, self.features.size)
         self.weights: Array = rng.standard_normal(shape)
-        self.moments = Moments.empty(*shape, settings.delta)
+        self.literal = settings.algorithm == "literal"
+        # The refreshed learner has no use for matrices of the functions' number squared.
+        self.moments = Moments.empty(*(shape if self.literal else (1, 0)), settings.delta)
+        self.buffer = settings.buffer()
+        self.starts = np.empty((0, self.features.n_dims))
         self.step = 0
         self.updates = 0
         self.dropped = 0
-        self._batch: list[Transition] = []
+        self._batch = Batch(settings.update_interval, self.features.n_dims)
+        self._q = np.empty(settings.n_actions)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples that the weights rest on."""
+        return self.moments.n_samples if self.literal else len(self.buffer)
 
     @property
     def epsilon(self) -> float:
@@ -151,7 +154,7 @@ class OnlineLSPI:
         """
         if explore and self.rng.random() < self.epsilon:
             return int(self.rng.integers(self.settings.n_actions)), Source.EXPLORE
-        q = self.features.weigh(self.weights, state).tolist()
+        q = self.features.weigh(self.weights, state, self._q).tolist()
         best = [a for a, value in enumerate(q) if value == max(q)]
         chosen = best[0] if len(best) == 1 else int(self.rng.choice(best or len(q)))
         return chosen, Source.EXPLOIT
@@ -176,104 +179,145 @@ class OnlineLSPI:
     def inform(
         self,
         transitions: Transitions,
-        proceed: Callable[[int, float], bool] = lambda iteration, change: True,
-    ) -> OfflineResult:
+        proceed: Callable[[int, float], bool] = always,
+    ) -> Update:
         """Learn from demonstrations, then go on online from there (T III-C).
 
-        Offline LSPI runs from random weights; its weights and its Γ, Λ, z become this
-        learner's, unless its last solve is not finite.
+        The literal learner runs offline LSPI from random weights; its weights and its Γ, Λ, z
+        become this learner's, unless its last solve is not finite. The refreshed one adds
+        them to its buffer.
 
         Parameters
         ----------
         transitions : Transitions
         proceed : callable
-            As in `offline_lspi`.
+            As in `policy_iteration`.
 
         Returns
         -------
-        OfflineResult
+        Update
 
         Raises
         ------
         InputError
             When no transition is usable.
         """
-        usable = transitions.usable(self.settings.n_actions)
+        s = self.settings
+        usable = transitions.usable(s.n_actions)
         self.dropped += int((~usable).sum())
         if not usable.any():
             raise InputError(
                 f"none of {len(transitions)} demonstrated transitions is usable; allowed: finite "
-                f"numbers and actions 0 to {self.settings.n_actions - 1}"
+                f"numbers and actions 0 to {s.n_actions - 1}"
             )
-        s = self.settings
-        result = offline_lspi(
-            transitions[usable],
-            self.features,
-            s.n_actions,
-            gamma=s.gamma,
-            delta=s.delta,
-            chi=s.chi,
-            max_iterations=s.max_iterations,
-            weights=self.rng.standard_normal(self.weights.shape),
-            scaling=s.scaling,
-            proceed=proceed,
-        )
-        if result.solve.status != "non-finite":
-            self.weights, self.moments = result.solve.weights, result.moments
-        return result
+        if not self.literal:
+            start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
+            found = self._refreshed(transitions[usable], start, True, proceed)()
+        else:
+            iteration, moments = offline_lspi(
+                transitions[usable],
+                self.features,
+                s.n_actions,
+                gamma=s.gamma,
+                delta=s.delta,
+                chi=s.chi,
+                max_iterations=s.max_iterations,
+                weights=self.rng.standard_normal(self.weights.shape),
+                scaling=s.scaling,
+                proceed=proceed,
+            )
+            solved = iteration.solve
+            found = Outcome(solved.weights, solved, moments, self.buffer, iteration=iteration)
+        accepted = found.solve.status != "non-finite"
+        change = float(np.linalg.norm(found.solve.weights - self.weights))
+        if accepted:
+            self._take(found)
+        return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
 
     def update(self) -> Update:
-        """Accumulate what was observed and solve (T Algorithm 2, lines 7 to 11)."""
+        """Learn from what was observed (T Algorithm 2, lines 7 to 11)."""
         return self.finish_update(self.begin_update()())
 
-    def begin_update(self) -> Callable[[], tuple[Moments, Solve]]:
+    def begin_update(self) -> Callable[[], Outcome]:
         """Take the batch; the returned computation may run anywhere."""
-        batch = Transitions.of(self._batch, self.features.n_dims)
-        self._batch = []
+        batch = self._batch.take()
+        if not self.literal:
+            return self._refreshed(batch, self.weights, False, always)
         # Drawn here, so that the generator is touched by one thread only.
         tie_breaker = np.random.default_rng(self.rng.integers(2**63))
-        moments, weights = self.moments, self.weights
+        moments, weights, buffer = self.moments, self.weights, self.buffer
         features, s = self.features, self.settings
 
-        def compute() -> tuple[Moments, Solve]:
+        def compute() -> Outcome:
             phi = features(batch.state)
             next_phi = features(batch.next_state, batch.terminated)
             next_action = greedy(weights, next_phi, tie_breaker)
             grown = accumulate(
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
             )
-            return grown, solve(grown, s.gamma, s.scaling)
+            found = solve(grown, s.gamma, s.scaling)
+            if found.healthy and not judge.plausible(
+                next_phi @ found.weights.T, batch.reward, s.gamma
+            ):
+                found = replace(found, status="diverging")
+            chosen = found.weights if found.healthy else weights
+            finite = found.status != "non-finite"
+            return Outcome(chosen, found, grown if finite else moments, buffer)
 
         return compute
 
-    def finish_update(self, computed: tuple[Moments, Solve]) -> Update:
+    def finish_update(self, found: Outcome) -> Update:
         """Take the result of `begin_update`'s computation.
 
-        Weights of an unhealthy solve are not used; those before stay.
+        Weights of an unhealthy solve, or of one judged worse, are not used; those before stay.
         """
-        moments, solution = computed
-        change = float(np.linalg.norm(solution.weights - self.weights))
-        if solution.status != "non-finite":
-            self.moments = moments
-        if solution.healthy:
-            self.weights = solution.weights
+        change = float(np.linalg.norm(found.solve.weights - self.weights))
+        accepted = found.solve.healthy and found.weights is not self.weights
+        self._take(found)
         self.updates += 1
-        return Update(self.updates, self.step, self.moments, solution, solution.healthy, change)
+        return Update(
+            self.updates, self.step, found.solve, accepted, change, found.judgement, found.iteration
+        )
+
+    def _refreshed(
+        self,
+        batch: Transitions,
+        weights: Array,
+        demonstrated: bool,
+        proceed: Callable[[int, float], bool],
+    ) -> Callable[[], Outcome]:
+        """The refreshed update of a batch, started from some weights."""
+        ends = batch.terminated | batch.truncated
+        last = self.buffer.transitions[-1:]
+        after_an_end = demonstrated or not len(last) or bool(last.terminated | last.truncated)
+        begins = np.concatenate([[after_an_end], ends[:-1]])
+        self.starts = np.concatenate([self.starts, batch.state[begins]])[-STARTS_KEPT:]
+        starts, step, s = self.starts, self.step, self.settings
+        features, moments, kept = self.features, self.moments, self.buffer
+
+        def compute() -> Outcome:
+            buffer = kept.add(batch, step, demonstrated)
+            found = refresh(buffer, step, features, s, weights, starts, proceed)
+            return Outcome(
+                found.weights, found.solve, moments, buffer, found.judgement, found.iteration
+            )
+
+        return compute
+
+    def _take(self, found: Outcome) -> None:
+        self.weights, self.moments, self.buffer = found.weights, found.moments, found.buffer
 
     def state(self) -> dict[str, Any]:
         """Everything that a later `restore` needs to go on bit by bit the same."""
-        batch = Transitions.of(self._batch, self.features.n_dims)
         return {
             "weights": self.weights,
-            "gram": self.moments.gram,
-            "cross": self.moments.cross,
-            "reward": self.moments.reward,
-            "n_samples": self.moments.n_samples,
-            "weight": self.moments.weight,
+            "moments": self.moments,
+            "buffer": self.buffer,
+            "starts": self.starts,
             "step": self.step,
             "updates": self.updates,
             "dropped": self.dropped,
-            "batch": batch,
+            "batch": self._batch.rows(),
             "rng": self.rng.bit_generator.state,
         }
 
@@ -290,11 +334,11 @@ class OnlineLSPI:
                 f"weights have shape {state['weights'].shape}; allowed: {self.weights.shape} "
                 "(actions, features) of this learner"
             )
-        self.weights = state["weights"]
-        self.moments = Moments(
-            state["gram"], state["cross"], state["reward"], state["n_samples"], state["weight"]
-        )
+        self.weights, self.moments = state["weights"], state["moments"]
+        self.buffer, self.starts = state["buffer"], state["starts"]
         self.step, self.updates = state["step"], state["updates"]
         self.dropped = state["dropped"]
-        self._batch = list(state["batch"])
+        self._batch.take()
+        for transition in state["batch"]:
+            self._batch.append(transition)
         self.rng.bit_generator.state = state["rng"]

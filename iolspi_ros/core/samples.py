@@ -110,6 +110,55 @@ class Transitions:
         )
 
 
+class Batch:
+    """Transitions written into arrays that are there already, until somebody takes them.
+
+    Parameters
+    ----------
+    room : int
+        Transitions expected; more double the room.
+    n_dims : int
+    """
+
+    def __init__(self, room: int, n_dims: int) -> None:
+        self._columns = Transitions(
+            np.empty((room, n_dims)),
+            np.empty(room, np.int64),
+            np.empty(room),
+            np.empty((room, n_dims)),
+            np.empty(room, bool),
+            np.empty(room, bool),
+        )
+        self._used = 0
+
+    def __len__(self) -> int:
+        return self._used
+
+    def append(self, transition: Transition) -> None:
+        """Write one more."""
+        if self._used == len(self._columns):
+            doubled = np.arange(2 * self._used) % self._used
+            self._columns = self._columns[doubled]
+        columns, row = self._columns, self._used
+        columns.state[row] = transition.state
+        columns.action[row] = transition.action
+        columns.reward[row] = transition.reward
+        columns.next_state[row] = transition.next_state
+        columns.terminated[row] = transition.terminated
+        columns.truncated[row] = transition.truncated
+        self._used += 1
+
+    def rows(self) -> Transitions:
+        """A copy of what is there."""
+        return self._columns[np.arange(self._used)]
+
+    def take(self) -> Transitions:
+        """What is there, and begin anew."""
+        rows = self.rows()
+        self._used = 0
+        return rows
+
+
 class Observation(NamedTuple):
     """What a vehicle shows of itself after a step.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import RBFGrid
+from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, near_optimal
 from sim_nodes.tasks.base import Task
@@ -46,7 +46,7 @@ class Evaluation:
         return float(self.succeeded.mean())
 
 
-def policy_of(weights: Array, features: RBFGrid) -> Policy:
+def policy_of(weights: Array, features: Basis) -> Policy:
     """The greedy policy of some weights, shape (n_actions, size)."""
     return lambda states: greedy(weights, features(states))
 

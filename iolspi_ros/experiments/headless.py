@@ -3,12 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+import numpy as np
+
+from iolspi_ros import resources
+from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
-from iolspi_ros.core.samples import Observation, Transition
+from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.experiments.history import History, Policy
-from sim_nodes.world import World
+from iolspi_ros.settings import from_mapping
+from sim_nodes.tasks import make_task
+from sim_nodes.world import World, WorldSettings
+
+
+def prepare(task: str, file: Path, seed: int) -> tuple[World, OnlineLSPI]:
+    """World and learner as a parameter file describes them, seeded as the nodes are.
+
+    Parameters
+    ----------
+    task : str
+    file : Path
+        As in config/.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        When the file holds what is not allowed.
+    """
+    simulated = resources.parameters(file, "simulator")
+    settings = from_mapping(LearnerSettings, resources.parameters(file, "learner"), str(file))
+    noise = from_mapping(WorldSettings, simulated, str(file))
+    vehicle = make_task(task, simulated, str(file))
+    world = World(vehicle, noise, np.random.default_rng([seed, 0]))
+    return world, OnlineLSPI(settings, np.random.default_rng([seed, 1]))
 
 
 @dataclass
@@ -70,8 +100,28 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
     def updated(update: Update) -> None:
         time = update.step * learner.settings.sampling_time
-        history.policies.append(
-            Policy.of(update.number, time, learner.weights, update.solve, update.accepted)
-        )
+        history.policies.append(Policy.of(update, time, learner.weights))
 
     return Listener(observed, updated)
+
+
+def literal_beside(
+    task: str, file: Path, seed: int, transitions: Transitions | None, episodes: int
+) -> tuple[OnlineLSPI, History]:
+    """The thesis' own algorithm in the same situation, to compare with.
+
+    Returns
+    -------
+    learner : OnlineLSPI
+    history : History
+    """
+    world, configured = prepare(task, file, seed)
+    settings = replace(configured.settings, algorithm="literal", periodic=(False,))
+    learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
+    history = History(world.task.dt)
+    listener = remember(history, learner, lambda done: None)
+    if transitions is not None:
+        update = learner.inform(transitions)
+        history.policies.append(Policy.of(update, 0.0, learner.weights))
+    train(world, learner, episodes, listener)
+    return learner, history

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.lspi import Solve
+from iolspi_ros.core.online import Update
+from iolspi_ros.core.refresh import Judgement
 
 Array = NDArray[np.float64]
 
@@ -26,20 +27,24 @@ class Policy:
     weights : ndarray of shape (n_actions, size)
     condition : float
         Of the solve.
-    accepted : bool
-        Whether the solve's weights were taken.
+    status : str
+        Of the solve.
+    judgement : Judgement, optional
+        Why these weights, when policies were compared.
     """
 
     number: int
     time: float
     weights: Array
     condition: float
-    accepted: bool
+    status: str
+    judgement: Judgement | None = None
 
     @classmethod
-    def of(cls, number: int, time: float, weights: Array, solve: Solve, accepted: bool) -> Policy:
-        """Weights and the health of the solve that they are from."""
-        return cls(number, time, weights, solve.condition, accepted)
+    def of(cls, update: Update, time: float, weights: Array) -> Policy:
+        """Weights in use after an update."""
+        solve = update.solve
+        return cls(update.number, time, weights, solve.condition, solve.status, update.judgement)
 
 
 @dataclass

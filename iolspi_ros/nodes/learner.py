@@ -15,8 +15,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import parameters, qos
 from iolspi_ros.core import checkpoint
-from iolspi_ros.core.lspi import OfflineResult
-from iolspi_ros.core.online import LearnerSettings, OnlineLSPI, Source, Update
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes import runtime
@@ -27,7 +27,7 @@ from iolspi_ros.settings import Settings, setting
 
 CHANGEABLE = (
     "epsilon", "epsilon_decay", "epsilon_min", "update_interval", "forget_factor", "gamma",
-    "delta", "chi", "max_iterations", "scaling",
+    "delta", "chi", "max_iterations", "scaling", "refresh_iterations", "refresh_budget",
 )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ class Learner(Node):
             self.get_logger().info(f"resumed from {path} at step {self.core.step}")
         self._demonstrations = Demonstrations(self.settings.joints)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="solve")
-        self._offline: Future[OfflineResult] | None = None
+        self._offline: Future[Update] | None = None
         self._solving: Future[Any] | None = None
         self._closing = False
         self._connect()
@@ -108,7 +108,7 @@ class Learner(Node):
             return
         self._closing = True
         self._worker.shutdown(wait=True)
-        if self.get_parameter("checkpoint").value and self.core.moments.n_samples:
+        if self.get_parameter("checkpoint").value and self.core.n_samples:
             # Printed: after a signal nothing can be logged to the graph any more.
             print(f"learner: {self._save()}", file=sys.stderr)
 
@@ -142,10 +142,8 @@ class Learner(Node):
     def _publish_update(self, update: Update) -> None:
         self._reports.update(update)
         self._reports.weights()
-        if not update.accepted:
-            self.get_logger().warning(
-                f"update {update.number}: solve {update.solve.status}, the weights before stay"
-            )
+        if not update.solve.healthy:
+            self.get_logger().warning(update.describe())
 
     # ------------------------------------------------------------ demonstrations
 
@@ -188,10 +186,10 @@ class Learner(Node):
         self._offline = self._worker.submit(self._inform, transitions)
         return text
 
-    def _inform(self, transitions: Transitions) -> OfflineResult:
+    def _inform(self, transitions: Transitions) -> Update:
         return self.core.inform(transitions, lambda iteration, change: not self._closing)
 
-    def _finish_offline(self, offline: Future[OfflineResult]) -> None:
+    def _finish_offline(self, offline: Future[Update]) -> None:
         self._offline = None
         self._demonstrations.forget_end()
         try:
@@ -200,8 +198,7 @@ class Learner(Node):
             self.get_logger().error(f"{error}; waiting for another demonstration")
             return
         self.get_logger().info(result.describe())
-        self._reports.offline(result)
-        self._reports.weights()
+        self._publish_update(result)
         self._fly()
 
     def _fly(self) -> None:

@@ -23,6 +23,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import qos, wire
 from iolspi_ros.bags import BagWriter
+from iolspi_ros.core.lspi import STATUSES
+from iolspi_ros.core.refresh import Judgement
 from iolspi_ros.core.samples import Array, Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.history import History, Policy
@@ -58,7 +60,7 @@ class Monitor(Node):
         self._episode = -1
         self._ended = 0
         self._weights: dict[int, Array] = {}
-        self._updates: dict[int, tuple[float, float, float]] = {}
+        self._updates: dict[int, dict[str, float]] = {}
         self._pairer = Pairer(task.joints, qos.RECORDING.depth)
         self._samples = wire.SampleRows(task.joints)
         self._scores = wire.Rows("score", wire.SCORE)
@@ -173,16 +175,18 @@ class Monitor(Node):
 
     def history(self, learned: int) -> History:
         """What was seen; episodes after the first `learned` are those shown at the end."""
-        first = self._updates.get(0, self._updates.get(1, (0.0, 0.0, 0.0)))
+        offline = self._updates.get(0)
+        first = offline["online_steps"] if offline else 0.0
         policies = [
             Policy(
                 number=number,
-                time=(samples - first[2]) * self._dt,
+                time=(row["online_steps"] - first) * self._dt,
                 weights=self._weights[number],
-                condition=condition,
-                accepted=bool(accepted),
+                condition=row["condition"],
+                status=STATUSES[int(row["status"])],
+                judgement=_judgement(row),
             )
-            for number, (accepted, condition, samples) in sorted(self._updates.items())
+            for number, row in sorted(self._updates.items())
             if number in self._weights
         ]
         return History(
@@ -242,7 +246,7 @@ class Monitor(Node):
 
     def _on_update(self, message: Any) -> None:
         row = dict(zip(wire.UPDATE, self._update_rows.read(message), strict=True))
-        self._updates[int(row["number"])] = (row["accepted"], row["condition"], row["samples"])
+        self._updates[int(row["number"])] = row
 
     def _on_diagnostics(self, message: Any) -> None:
         values = {pair.key: pair.value for status in message.status for pair in status.values}
@@ -256,6 +260,15 @@ class Monitor(Node):
     def updates(self) -> int:
         """How many updates were reported, offline LSPI among them."""
         return len(self._updates)
+
+
+def _judgement(row: dict[str, float]) -> Judgement | None:
+    if not row["policies"]:
+        return None
+    return Judgement(
+        int(row["policies"]), row["predicted"], row["predicted_before"], row["delta"],
+        int(row["refused"]),
+    )  # fmt: skip
 
 
 @contextmanager

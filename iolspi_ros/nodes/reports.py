@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -10,7 +11,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, wire
-from iolspi_ros.core.lspi import OfflineResult, Solve
+from iolspi_ros.core.lspi import STATUSES
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.nodes import runtime
@@ -35,7 +36,7 @@ class Reports:
         self._update_out = node.create_publisher(Float64MultiArray, "update", qos.REPORTS)
         self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.REPORTS)
         self._diagnostics_out = node.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
-        self._solve: Solve | None = None
+        self._update: Update | None = None
         self._kept = 0
         self._stop = "none"
         self._key = (0, 0)
@@ -60,24 +61,20 @@ class Reports:
 
     def update(self, update: Update) -> None:
         """Publish one policy update."""
-        solve, core = update.solve, self._core
-        self._solve = solve
+        solve, core, judged = update.solve, self._core, update.judgement
+        self._update = update
         self._kept += not update.accepted
+        if update.number == 0:
+            self._stop = update.describe()
         runtime.publish(
             self._update_out,
             self._update_rows.message(
                 *self._head(), update.number, update.accepted, float(np.linalg.norm(core.weights)),
                 update.change, core.epsilon, solve.condition, solve.rank, solve.residual,
-                core.moments.n_samples,
+                core.n_samples, update.step, STATUSES.index(solve.status),
+                *(astuple(judged) if judged else (0, math.nan, math.nan, 0.0, 0)),
             )
         )  # fmt: skip
-
-    def offline(self, result: OfflineResult) -> None:
-        """Remember how offline LSPI stopped; publish it as update 0."""
-        self._stop = result.describe()
-        change = result.changes[-1] if result.changes else 0.0
-        accepted = result.solve.status != "non-finite"
-        self.update(Update(0, 0, result.moments, result.solve, accepted, change))
 
     def weights(self) -> None:
         """Publish the weights in use."""
@@ -92,7 +89,7 @@ class Reports:
         condition : dict
             What the node knows beside the core.
         """
-        core, solve = self._core, self._solve
+        core, update = self._core, self._update
         values: dict[str, object] = dict(condition)
         values |= {
             "updates": core.updates,
@@ -103,8 +100,10 @@ class Reports:
             "offline LSPI": self._stop,
         }
         level, text = DiagnosticStatus.OK, str(condition["phase"])
-        if solve is not None:
+        if update is not None:
+            solve = update.solve
             values |= {
+                "last update": update.describe(),
                 "last solve": solve.status,
                 "condition": f"{solve.condition:.3g}",
                 "rank": solve.rank,

@@ -55,13 +55,23 @@ def learning_score(scores: Sequence[float], episode_time: float) -> Figure:
     return _figure(axes)
 
 
-def discounted_return(times: Sequence[float], returns: Sequence[float], best: float) -> Figure:
-    """Discounted return of each intermediate policy, beside the near-optimal one."""
+def discounted_return(
+    curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], best: float
+) -> Figure:
+    """Discounted returns of intermediate policies over time, beside the near-optimal one.
+
+    Parameters
+    ----------
+    curves : sequence of (label, times, returns)
+        The first stands out.
+    best : float
+    """
     axes = _axes(
         "Discounted return of the intermediate policies", "vehicle time [s]", "discounted return"
     )
     axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
-    axes.plot(times, returns, "o-", ms=3, color=ACCENT, label="learned, greedy")
+    for number, (label, times, returns) in reversed(list(enumerate(curves))):
+        axes.plot(times, returns, "o-", ms=3, color=FAINT if number else ACCENT, label=label)
     axes.legend(frameon=False, loc="lower right")
     ratio = axes.secondary_yaxis(
         "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))

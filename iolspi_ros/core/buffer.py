@@ -1,0 +1,154 @@
+"""Samples kept for the policies to come: bounded, and spread over the states visited."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.core.samples import Transitions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Boxes of the state space; those beyond the limits reach to infinity.
+
+    Parameters
+    ----------
+    low, high : tuple of float, length n_dims
+    counts : tuple of int, length n_dims
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    counts: tuple[int, ...]
+
+    def __call__(self, states: Array, action: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number of the box and action of each sample, shape (n_samples,)."""
+        low, counts = np.array(self.low), np.array(self.counts)
+        share = (states - low) / (np.array(self.high) - low)
+        place = np.clip(share * counts, 0, counts - 1).astype(np.int64)
+        box = np.ravel_multi_index(tuple(place.T), self.counts).astype(np.int64)
+        return box + action * int(np.prod(self.counts))
+
+
+@dataclass(frozen=True)
+class Buffer:
+    """Samples in the order in which they came, at most `bound` of them.
+
+    When a box of states has more than `per_cell` samples of one action, its oldest goes. When
+    all boxes together still have too many, the fullest are thinned, then the oldest go.
+    Demonstrations stay as long as they fit, when `keep_demonstrations` says so.
+
+    Attributes
+    ----------
+    transitions : Transitions
+    born : ndarray of int, shape (n_samples,)
+        Online step k at which each came; demonstrations come at step 0.
+    demonstrated : ndarray of bool, shape (n_samples,)
+    cells : Cells
+    per_cell, bound : int
+    keep_demonstrations : bool
+    """
+
+    transitions: Transitions
+    born: NDArray[np.int64]
+    demonstrated: NDArray[np.bool_]
+    cells: Cells
+    per_cell: int
+    bound: int
+    keep_demonstrations: bool
+
+    @classmethod
+    def empty(cls, cells: Cells, per_cell: int, bound: int, keep_demonstrations: bool) -> Buffer:
+        """Without a sample."""
+        none = np.zeros(0, np.int64)
+        rows = Transitions.of([], len(cells.counts))
+        return cls(rows, none, none.astype(bool), cells, per_cell, bound, keep_demonstrations)
+
+    def __len__(self) -> int:
+        return len(self.transitions)
+
+    def add(self, batch: Transitions, step: int, demonstrated: bool = False) -> Buffer:
+        """With a batch more, and without what no longer fits.
+
+        Parameters
+        ----------
+        batch : Transitions
+            Oldest first.
+        step : int
+            Online step k of its last sample.
+        demonstrated : bool
+
+        Returns
+        -------
+        Buffer
+        """
+        first = step if demonstrated else step - len(batch) + 1
+        born = np.full(len(batch), step) if demonstrated else np.arange(first, step + 1)
+        grown = replace(
+            self,
+            transitions=Transitions(
+                *(
+                    np.concatenate([getattr(self.transitions, f.name), getattr(batch, f.name)])
+                    for f in fields(Transitions)
+                )
+            ),
+            born=np.concatenate([self.born, born]),
+            demonstrated=np.concatenate([self.demonstrated, np.full(len(batch), demonstrated)]),
+        )
+        return grown._rows(grown._staying())
+
+    def weight(self, step: int, forget_factor: float) -> Array:
+        """How much each sample counts: every box of states and action as much as another.
+
+        A sample that came k steps ago counts η^k, as in T Eqs. 9-10 to 9-12; all of one box
+        together count what its newest does.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+        """
+        faded = forget_factor ** (step - self.born).astype(np.float64)
+        _, cell = np.unique(self._cell(), return_inverse=True)
+        newest = np.zeros(cell.max(initial=-1) + 1)
+        np.maximum.at(newest, cell, faded)
+        together = np.bincount(cell, faded)
+        weight: Array = faded * (newest / np.maximum(together, 1e-300))[cell]
+        return weight
+
+    def _cell(self) -> NDArray[np.int64]:
+        return self.cells(self.transitions.state, self.transitions.action)
+
+    def _rows(self, rows: NDArray[np.bool_]) -> Buffer:
+        return replace(
+            self,
+            transitions=self.transitions[rows],
+            born=self.born[rows],
+            demonstrated=self.demonstrated[rows],
+        )
+
+    def _staying(self) -> NDArray[np.bool_]:
+        """Which samples fit, shape (n_samples,)."""
+        n = len(self)
+        cell = self._cell()
+        # Newest last within each box; demonstrations count as newest when they are to be kept.
+        safe = self.demonstrated if self.keep_demonstrations else np.zeros(n, bool)
+        order = np.lexsort((np.arange(n), safe, cell))
+        ends = np.searchsorted(cell[order], cell[order], side="right")
+        rank = np.empty(n, np.int64)  # 0 for the newest of a box
+        rank[order] = ends - 1 - np.arange(n)
+        staying = rank < self.per_cell
+        if staying.sum() <= self.bound:
+            return staying
+        fits = np.cumsum(np.bincount(rank, minlength=1)) <= self.bound
+        depth = int(np.count_nonzero(fits))
+        staying = rank < depth
+        spare = self.bound - int(staying.sum())
+        rest = np.flatnonzero(rank == depth)
+        latest = rest[np.lexsort((rest, safe[rest]))][len(rest) - spare :]
+        staying[latest] = True
+        return staying

@@ -1,0 +1,97 @@
+"""Everything a learner takes, each with its default and what it may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from iolspi_ros.core.buffer import Buffer, Cells
+from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
+from iolspi_ros.core.moments import SCALINGS
+from iolspi_ros.settings import Settings, setting
+
+ALGORITHMS = ("refreshed", "literal")
+
+CELLS_PER_CENTER = 2
+"""Boxes of the buffer along a dimension, for each of its centres."""
+
+
+@dataclass(frozen=True)
+class LearnerSettings(Settings):
+    """Everything that T Algorithms 1 and 2 and their refreshed form take, and the features.
+
+    Units: SI and radians, those of the state.
+    """
+
+    algorithm: str = setting(
+        "refreshed",
+        "keep samples and judge policies, or T Algorithm 2 to the letter",
+        choices=ALGORITHMS,
+    )
+    n_actions: int = setting(3, "number of actions", low=1, high=1000)
+    basis: str = setting(
+        "rbf", "radial basis functions (T 9-1) or Chebyshev polynomials (T 4-1-2)", choices=BASES
+    )
+    low: tuple[float, ...] = setting((-np.pi, -15 * np.pi), "lower limits of the grid of centres")
+    high: tuple[float, ...] = setting((np.pi, 15 * np.pi), "upper limits of the grid of centres")
+    centers: tuple[int, ...] = setting((11, 11), "centres per dimension (T IV-A)", low=1)
+    periodic: tuple[bool, ...] = setting(
+        (True, False), "dimensions in which high is low again, one for all or each; T: false"
+    )
+    normalisation: str = setting(
+        "asymmetric", "scaling of the dimensions, T 9-1-2 or 9-1-3", choices=NORMALISATIONS
+    )
+    width: float = setting(
+        1.0, "width of a function in spacings of the centres", low=0.0, low_open=True
+    )
+    gamma: float = setting(0.98, "discount factor", low=0.0, high=1.0, high_open=True)
+    sampling_time: float = setting(0.005, "T_s [s]", low=0.0, low_open=True)
+    epsilon: float = setting(0.2, "exploration rate, or where it starts", low=0.0, high=1.0)
+    epsilon_decay: float = setting(
+        1.0, "factor on the exploration rate per second (T Eq. 14)", low=0.0, high=1.0
+    )
+    epsilon_min: float = setting(0.0, "exploration rate never decays below", low=0.0, high=1.0)
+    update_interval: int = setting(1000, "steps between solves, K_theta", low=1)
+    forget_factor: float = setting(
+        1.0, "weight kept per step, eta (T Eq. 9-10)", low=0.0, high=1.0, low_open=True
+    )
+    scaling: str = setting(
+        "samples", "literal: divisor of a solve, T Eq. 9-14 or 9-15", choices=SCALINGS
+    )
+    delta: float = setting(1.0, "literal: Gamma starts as delta times the identity", low=0.0)
+    chi: float = setting(0.01, "offline LSPI stops when the weights change less", low=0.0)
+    max_iterations: int = setting(30, "offline LSPI stops after so many iterations", low=1)
+    buffer_size: int = setting(6000, "refreshed: samples kept", low=1)
+    samples_per_cell: int = setting(
+        8, "refreshed: samples kept of one action in a box of half a spacing each way", low=1
+    )
+    keep_demonstrations: bool = setting(
+        True, "refreshed: demonstrated samples are the last to be thrown away"
+    )
+    refresh_iterations: int = setting(
+        6, "refreshed: policies solved for in an update, for each delta tried", low=1
+    )
+    refresh_budget: float = setting(
+        0.0, "refreshed: an update starts no policy after so long [s]; 0.0 for no limit", low=0.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.features()  # the grid checks itself
+
+    def features(self) -> Basis:
+        """The basis functions of a state."""
+        if self.basis == "chebyshev":
+            return ChebyshevGrid(self.low, self.high, self.centers)
+        return RBFGrid(
+            self.low, self.high, self.centers, self.normalisation, self.width, self.periodic
+        )
+
+    def buffer(self) -> Buffer:
+        """An empty buffer."""
+        counts = tuple(CELLS_PER_CENTER * count for count in self.centers)
+        cells = Cells(self.low, self.high, counts)
+        return Buffer.empty(
+            cells, self.samples_per_cell, self.buffer_size, self.keep_demonstrations
+        )

@@ -1,0 +1,166 @@
+"""Policy iteration on the samples kept: the refreshed form of IOLSPI.
+
+The Λ of T Algorithm 2 mixes the policies of every update before. Here it is rebuilt for each
+policy from the samples of a `Buffer`, where no crowd counts more than a few; policies are
+iterated from those in use for several δ; and `judge` tells which one to fly.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.core import judge
+from iolspi_ros.core.buffer import Buffer
+from iolspi_ros.core.features import Basis
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi import BlockSystem, Iteration, Solve, always, policy_iteration
+
+Array = NDArray[np.float64]
+
+DELTAS = (2e-6, 2e-5, 2e-4, 2e-3)
+"""δ that are tried, in units of Γ's own scale."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Why which weights are in use.
+
+    Attributes
+    ----------
+    policies : int
+        How many were compared, those in use before among them.
+    predicted : float
+        Predicted return of the weights now in use; NaN when nothing could be predicted.
+    before : float
+        That of the weights in use before.
+    delta : float
+        δ of the weights chosen; 0 when those before stay.
+    refused : int
+        Solves that were not healthy.
+    """
+
+    policies: int
+    predicted: float
+    before: float
+    delta: float
+    refused: int
+
+    def describe(self) -> str:
+        """One line for a person."""
+        text = f"best of {self.policies} policies, predicted return {self.predicted:.5g}"
+        text += f" ({self.before:.5g} before)"
+        text += f", delta {self.delta:.2g}" if self.delta else ", the weights before stay"
+        return text + (f", {self.refused} solves refused" if self.refused else "")
+
+
+@dataclass(frozen=True)
+class Refreshed:
+    """What came of the samples kept.
+
+    Attributes
+    ----------
+    weights : ndarray of shape (n_actions, size)
+        To be flown; those in use before when none was better.
+    solve : Solve
+        Best of the new ones.
+    iteration : Iteration
+        The policies among which it was.
+    judgement : Judgement
+    """
+
+    weights: Array
+    solve: Solve
+    iteration: Iteration
+    judgement: Judgement
+
+
+def gram_scale(gram: Array) -> float:
+    """Scale of Γ: its trace over its effective rank (tr Γ)² / tr Γ², which is tr Γ² / tr Γ."""
+    trace = float(np.trace(gram, axis1=1, axis2=2).sum())
+    return float((gram * gram).sum()) / trace if trace > 0.0 else 1.0
+
+
+def refresh(
+    buffer: Buffer,
+    step: int,
+    basis: Basis,
+    settings: LearnerSettings,
+    weights: Array,
+    starts: Array,
+    proceed: Callable[[int, float], bool] = always,
+) -> Refreshed:
+    """Find the best policy that the samples kept can tell.
+
+    Parameters
+    ----------
+    buffer : Buffer
+        With at least one sample.
+    step : int
+        Online step k, from which the age of samples counts.
+    basis : Basis
+    settings : LearnerSettings
+    weights : ndarray of shape (n_actions, size)
+        In use; every iteration starts there.
+    starts : ndarray of shape (n_starts, n_dims)
+        States in which episodes began.
+    proceed : callable
+        As in `policy_iteration`; a false answer ends the search.
+
+    Returns
+    -------
+    Refreshed
+    """
+    s = settings
+    deadline = time.monotonic() + s.refresh_budget if s.refresh_budget else np.inf
+
+    def go_on(number: int, change: float) -> bool:
+        return time.monotonic() < deadline and proceed(number, change)
+
+    weight = buffer.weight(step, s.forget_factor)
+    system = BlockSystem(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0)
+    scale = gram_scale(system.gram)
+    found: list[tuple[Solve, Iteration, float]] = []
+    for share in DELTAS:
+        system.delta = share * scale
+        iteration = policy_iteration(
+            system,
+            weights,
+            chi=s.chi,
+            max_iterations=s.refresh_iterations,
+            proceed=go_on,
+        )
+        found += [
+            (_believed(solve, system, buffer, s.gamma), iteration, system.delta)
+            for solve in iteration.solves
+        ]
+        if iteration.stop == "interrupted":
+            break
+    healthy = [entry for entry in found if entry[0].healthy]
+    if not healthy:
+        judgement = Judgement(1, np.nan, np.nan, 0.0, len(found))
+        return Refreshed(weights, found[-1][0], found[-1][1], judgement)
+    prediction = judge.fit(system, buffer.transitions, basis)
+    policies = [weights, *(solve.weights for solve, _, _ in healthy)]
+    returns = np.array([prediction.returns(policy, starts, s.gamma) for policy in policies])
+    chosen = judge.best(returns)
+    solve, iteration, delta = healthy[max(chosen, 1) - 1 if chosen else judge.best(returns[1:])]
+    judgement = Judgement(
+        len(policies), float(returns[chosen, 0]), float(returns[0, 0]),
+        delta if chosen else 0.0, len(found) - len(healthy),
+    )  # fmt: skip
+    return Refreshed(policies[chosen], solve, iteration, judgement)
+
+
+def _believed(solve: Solve, system: BlockSystem, buffer: Buffer, gamma: float) -> Solve:
+    """The solve, unhealthy when its values are beyond what the rewards allow."""
+    if not solve.healthy:
+        return solve
+    q = system.next_phi @ solve.weights.T
+    if judge.plausible(q, buffer.transitions.reward, gamma):
+        return solve
+    return replace(solve, status="diverging")

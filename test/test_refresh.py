@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+
+from iolspi_ros.core import judge
+from iolspi_ros.core.features import RBFGrid
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi import BlockSystem, solve_system
+from iolspi_ros.core.online import OnlineLSPI
+from iolspi_ros.core.refresh import gram_scale, refresh
+from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
+from iolspi_ros.experiments.headless import Listener, train
+from sim_nodes.tasks import Pendulum
+from sim_nodes.world import World, WorldSettings
+
+TASK = Pendulum()
+
+
+def uniform(n, seed=0):
+    rng = np.random.default_rng(seed)
+    states = rng.uniform(TASK.low, TASK.high, (n, 2))
+    actions = rng.integers(3, size=n)
+    following, reward, ended = TASK.step(states, actions)
+    return Transitions(states, actions, reward, following, ended, ended)
+
+
+def learner(seed=0, **changes):
+    return OnlineLSPI(LearnerSettings(**changes), np.random.default_rng([seed, 1]))
+
+
+def test_predicted_returns_are_the_true_ones_where_samples_are():
+    transitions, settings = uniform(6000), LearnerSettings()
+    basis = settings.features()
+    system = BlockSystem(transitions, basis, 3, 0.98, np.ones(6000), 0.0)
+    prediction = judge.fit(system, transitions, basis)
+    weights = learner().weights
+    starts = np.random.default_rng(1).uniform(TASK.low, TASK.high, (40, 2))
+    predicted, _ = prediction.returns(weights, starts, 0.98)
+    state, total = starts, np.zeros(40)
+    for k in range(297):
+        state, reward, _ = TASK.step(state, policy_of(weights, basis)(state))
+        total += 0.98**k * reward
+    assert predicted == pytest.approx(total.mean(), rel=0.02)
+
+
+def test_an_end_that_is_predicted_ends_the_return():
+    """One state, one action, reward 1: half of the steps end the task."""
+    n = 400
+    states = np.zeros((n, 1))
+    ended = np.arange(n) % 2 == 0
+    t = Transitions(states, np.zeros(n, int), np.ones(n), states, ended, ~ended)
+    basis = RBFGrid((-1.0,), (1.0,), (1,))
+    system = BlockSystem(t, basis, 1, 0.9, np.ones(n), 0.0)
+    early, late = judge.fit(system, t, basis).returns(np.zeros((1, 1)), np.zeros((1, 1)), 0.9)
+    assert early == pytest.approx(1 / (1 - 0.9 * 0.5), rel=1e-3)
+    assert late == pytest.approx(early, rel=1e-3)
+
+
+def test_close_calls_are_decided_by_the_later_part():
+    assert judge.best(np.array([[-100.0, -50.0], [-99.0, -60.0], [-120.0, 0.0]])) == 1
+    assert judge.best(np.array([[-100.0, -50.0], [-99.9, -60.0], [-120.0, 0.0]])) == 0
+    assert judge.best(np.array([[-np.inf, -np.inf], [-99.9, -60.0]])) == 1
+
+
+def test_far_off_values_are_not_plausible():
+    reward = np.array([-1.0, 0.5])
+    assert judge.plausible(np.array([99.0]), reward, 0.9)
+    assert not judge.plausible(np.array([-101.0]), reward, 0.9)
+    assert not judge.plausible(np.array([np.nan]), reward, 0.9)
+
+
+def test_the_scale_of_gamma_is_that_of_its_eigenvalues():
+    gram = np.array([np.diag([4.0, 4.0, 0.0]), np.diag([4.0, 0.0, 0.0])])
+    assert gram_scale(gram) == pytest.approx(4.0)
+    assert gram_scale(np.zeros((1, 2, 2))) == 1.0
+
+
+def test_from_samples_of_everywhere_it_is_near_optimal_at_once():
+    core = learner()
+    update = core.inform(uniform(6000))
+    assert update.accepted
+    assert update.judgement.policies > 10
+    best = evaluate(TASK, near_optimal_policy(TASK, 151)).discounted_return
+    found = evaluate(TASK, policy_of(core.weights, core.features)).discounted_return
+    assert found / best < 1.01
+
+
+def test_it_learns_online_from_nothing():
+    """Within 40 s of vehicle time; the literal algorithm takes 300 s (T V)."""
+    core = learner()
+    world = World(TASK, WorldSettings(), np.random.default_rng([0, 0]))
+    train(world, core, 27, Listener())
+    best = evaluate(TASK, near_optimal_policy(TASK, 151)).discounted_return
+    found = evaluate(TASK, policy_of(core.weights, core.features)).discounted_return
+    assert found / best < 1.02
+
+
+def test_the_policy_in_use_stays_when_none_is_better():
+    core = learner()
+    core.inform(uniform(6000))
+    again = refresh(core.buffer, 0, core.features, core.settings, core.weights, core.starts)
+    if not again.judgement.delta:
+        assert again.weights is core.weights
+    assert again.judgement.predicted >= again.judgement.before * (1 + judge.MARGIN)
+
+
+def test_solves_that_are_not_healthy_are_never_flown():
+    """A reward without end: nothing healthy can come of it."""
+    core = learner(update_interval=5, centers=(4, 3))
+    before = core.weights
+    state = np.array([1.0, 2.0])
+    for _ in range(5):
+        core.observe(Transition(state, 0, 1e308, state))
+    update = core.update()
+    assert not update.solve.healthy
+    assert not update.accepted
+    assert update.judgement.refused > 0
+    assert core.weights is before
+    assert "refused" in update.describe()
+
+
+def test_the_budget_of_time_is_kept_to_one_policy():
+    core = learner(refresh_budget=1e-9)
+    update = core.inform(uniform(2000))
+    assert update.iteration.iterations == 1
+    assert update.judgement.policies <= 2
+
+
+def test_an_ill_conditioned_solve_is_told_from_a_singular_one():
+    for order, status in ((6, "ok"), (10, "ill-conditioned"), (14, "singular")):
+        hilbert = 1.0 / (np.arange(order)[:, None] + np.arange(order) + 1)
+        assert solve_system(hilbert, np.ones(order)).status == status
