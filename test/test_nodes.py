@@ -166,7 +166,7 @@ def test_learning_in_real_time_with_solves_beside(nodes, peer):
     updates = [dict(zip(wire.UPDATE, rows.read(m), strict=True)) for m in peer.heard["update"]]
     first = updates[0]["number"]
     assert [u["number"] for u in updates] == [first + k for k in range(len(updates))]
-    assert all(u["accepted"] and u["rank"] == 363 and u["residual"] < 1e-6 for u in updates)
+    assert all(u["status"] == 0 and u["rank"] == 363 and u["residual"] < 1e-6 for u in updates)
     assert all(u["epsilon"] == 0.2 and u["weights_norm"] > 0 for u in updates)
     peer.until(lambda: peer.heard["/diagnostics"])
     values = {v.key: v.value for v in peer.heard["/diagnostics"][-1].status[0].values}

@@ -25,7 +25,7 @@ _ARRAYS = (
     "weights", "starts", "born", "demonstrated", *(f"moments_{name}" for name in _MOMENTS),
     *(f"{part}_{name}" for part in ("batch", "buffer") for name in _ROWS),
 )  # fmt: skip
-_NUMBERS = ("step", "updates", "dropped", "rng")
+_NUMBERS = ("step", "n_samples", "updates", "dropped", "rng")
 _SHAPING = (
     "algorithm", "n_actions", "basis", "low", "high", "centers", "periodic", "normalisation",
     "width",

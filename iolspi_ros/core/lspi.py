@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from iolspi_ros.core.moments import Moments, gather, gather_cross
+from iolspi_ros.core.moments import Moments, add_cross, add_gram
 from iolspi_ros.core.samples import Transitions
 
 Array = NDArray[np.float64]
@@ -204,11 +204,10 @@ class BlockSystem:
         self.next_phi = features(transitions.next_state, transitions.terminated)
         self.action = transitions.action
         self.weight = weight
-        self.gram, self.vector = gather(
-            self.phi, self.action, transitions.reward, weight, n_actions
-        )
-        self._cross: Array | None = None
-        self._last = self.action
+        empty = Moments.empty(n_actions, features.size)
+        add_gram(empty, self.phi, self.action, transitions.reward, weight)
+        self.gram, self.vector, self._cross = empty.gram, empty.reward, empty.cross
+        self._last: Actions | None = None
 
     def policy(self, weights: Array) -> Actions:
         """Greedy actions in the next states, shape (n_samples,)."""
@@ -216,28 +215,28 @@ class BlockSystem:
 
     def moments(self, policy: Actions) -> Moments:
         """Γ, Λ and z of a policy."""
-        n_actions, size = self.vector.shape
-        changed = np.flatnonzero(policy != self._last)
-        if self._cross is None or 2 * len(changed) > len(policy):
-            self._cross = gather_cross(
-                self.phi, self.action, self.next_phi, policy, self.weight, n_actions
-            )
-        else:
-            self._cross = self._cross + self._moved(policy, changed)
+        size = self.vector.shape[1]
+        everyone = np.arange(len(policy))
+        last, moved = self._last, everyone
+        if last is not None:
+            moved = np.flatnonzero(policy != last)
+        if last is None or 2 * len(moved) > len(policy):
+            self._cross = np.zeros_like(self._cross)
+            self._add(everyone, policy, self.weight)
+        elif len(moved):
+            self._cross = self._cross.copy()  # the one before is somebody's
+            self._add(moved, policy, self.weight)
+            self._add(moved, last, -self.weight)
         self._last = policy
         gram = self.gram.copy()
         gram[:, np.arange(size), np.arange(size)] += self.delta
         mass = float(self.weight.sum())
         return Moments(gram, self._cross, self.vector, len(policy), mass, self.delta)
 
-    def _moved(self, policy: Actions, changed: NDArray[np.int64]) -> Array:
-        """What Λ gains when some samples' next action becomes another."""
-        twice = np.concatenate([changed, changed])
-        after = np.concatenate([policy[changed], self._last[changed]])
-        sign = np.repeat([1.0, -1.0], len(changed))
-        return gather_cross(
-            self.phi[twice], self.action[twice], self.next_phi[twice], after,
-            sign * self.weight[twice], len(self.vector),
+    def _add(self, rows: NDArray[np.int64], policy: Actions, weight: Array) -> None:
+        add_cross(
+            self._cross, self.phi[rows], self.action[rows], self.next_phi[rows], policy[rows],
+            weight[rows],
         )  # fmt: skip
 
     def evaluate(self, policy: Actions) -> Solve:

@@ -102,17 +102,17 @@ def accumulate(
     """
     n, eta = len(phi), forget_factor
     weight, kept = fading(n, eta), eta**n
-    gram, vector = gather(phi, action, reward, weight, moments.n_actions)
-    cross = gather_cross(phi, action, next_phi, next_action, weight, moments.n_actions)
-    added = float(n) if eta == 1.0 else eta * (1.0 - kept) / (1.0 - eta)
-    return Moments(
-        kept * moments.gram + gram,
-        kept * moments.cross + cross,
-        kept * moments.reward + vector,
+    grown = Moments(
+        moments.gram * kept,
+        moments.cross * kept,
+        moments.reward * kept,
         moments.n_samples + n,
-        kept * moments.weight + added,
+        kept * moments.weight + (float(n) if eta == 1.0 else eta * (1.0 - kept) / (1.0 - eta)),
         kept * moments.prior,
     )
+    add_gram(grown, phi, action, reward, weight)
+    add_cross(grown.cross, phi, action, next_phi, next_action, weight)
+    return grown
 
 
 def fading(n: int, forget_factor: float) -> Array:
@@ -120,48 +120,32 @@ def fading(n: int, forget_factor: float) -> Array:
     return forget_factor ** np.arange(n - 1, -1, -1, dtype=np.float64)
 
 
-def gather(
-    phi: Array, action: NDArray[np.int64], reward: Array, weight: Array, n_actions: int
-) -> tuple[Array, Array]:
-    """Γ = Σ w φφᵀ and z = Σ w φr of weighted samples.
-
-    Returns
-    -------
-    gram : ndarray of shape (n_actions, size, size)
-    reward : ndarray of shape (n_actions, size)
-    """
-    size = phi.shape[1]
-    gram, vector = np.zeros((n_actions, size, size)), np.zeros((n_actions, size))
-    weighted = phi * weight[:, None]
-    for a in np.unique(action):
-        rows = action == a
-        gram[a] = weighted[rows].T @ phi[rows]
-        vector[a] = weighted[rows].T @ reward[rows]
-    return gram, vector
+def add_gram(
+    moments: Moments, phi: Array, action: NDArray[np.int64], reward: Array, weight: Array
+) -> None:
+    """Add Σ w φφᵀ to Γ and Σ w φr to z, in place."""
+    for a in np.flatnonzero(np.bincount(action)):
+        rows = np.flatnonzero(action == a)
+        weighted = (phi[rows] * weight[rows, None]).T
+        moments.gram[a] += weighted @ phi[rows]
+        moments.reward[a] += weighted @ reward[rows]
 
 
-def gather_cross(
+def add_cross(
+    cross: Array,
     phi: Array,
     action: NDArray[np.int64],
     next_phi: Array,
     next_action: NDArray[np.int64],
     weight: Array,
-    n_actions: int,
-) -> Array:
-    """Λ = Σ w φφ'ᵀ of weighted samples: the one part that depends on the policy.
-
-    Returns
-    -------
-    ndarray of shape (n_actions, size, n_actions, size)
-    """
-    size = phi.shape[1]
-    cross = np.zeros((n_actions, size, n_actions, size))
-    weighted = phi * weight[:, None]
-    for a in np.unique(action):
-        for b in np.unique(next_action[action == a]):
-            rows = (action == a) & (next_action == b)
-            cross[a, :, b, :] = weighted[rows].T @ next_phi[rows]
-    return cross
+) -> None:
+    """Add Σ w φφ'ᵀ to Λ, in place: the one part that depends on the policy."""
+    n_actions = len(cross)
+    pair = action * n_actions + next_action
+    for ab in np.flatnonzero(np.bincount(pair)):
+        a, b = divmod(int(ab), n_actions)
+        rows = np.flatnonzero(pair == ab)
+        cross[a, :, b, :] += (phi[rows] * weight[rows, None]).T @ next_phi[rows]
 
 
 def merge(fleet: Sequence[Moments]) -> Moments:

@@ -121,15 +121,11 @@ class OnlineLSPI:
         self.buffer = settings.buffer()
         self.starts = np.empty((0, self.features.n_dims))
         self.step = 0
+        self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
         self.dropped = 0
         self._batch = Batch(settings.update_interval, self.features.n_dims)
         self._q = np.empty(settings.n_actions)
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples that the weights rest on."""
-        return self.moments.n_samples if self.literal else len(self.buffer)
 
     @property
     def epsilon(self) -> float:
@@ -232,6 +228,7 @@ class OnlineLSPI:
         change = float(np.linalg.norm(found.solve.weights - self.weights))
         if accepted:
             self._take(found)
+            self.n_samples += int(usable.sum())
         return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
 
     def update(self) -> Update:
@@ -241,6 +238,7 @@ class OnlineLSPI:
     def begin_update(self) -> Callable[[], Outcome]:
         """Take the batch; the returned computation may run anywhere."""
         batch = self._batch.take()
+        self.n_samples += len(batch)
         if not self.literal:
             return self._refreshed(batch, self.weights, False, always)
         # Drawn here, so that the generator is touched by one thread only.
@@ -315,6 +313,7 @@ class OnlineLSPI:
             "buffer": self.buffer,
             "starts": self.starts,
             "step": self.step,
+            "n_samples": self.n_samples,
             "updates": self.updates,
             "dropped": self.dropped,
             "batch": self._batch.rows(),
@@ -336,8 +335,8 @@ class OnlineLSPI:
             )
         self.weights, self.moments = state["weights"], state["moments"]
         self.buffer, self.starts = state["buffer"], state["starts"]
-        self.step, self.updates = state["step"], state["updates"]
-        self.dropped = state["dropped"]
+        for name in ("step", "n_samples", "updates", "dropped"):
+            setattr(self, name, state[name])
         self._batch.take()
         for transition in state["batch"]:
             self._batch.append(transition)
