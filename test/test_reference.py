@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from iolspi_ros.core.reference import Grid, near_optimal
+from iolspi_ros.core.reference import Grid, NearOptimal, near_optimal
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache, evaluate
 from iolspi_ros.experiments.evaluate import near_optimal_policy
@@ -130,3 +130,16 @@ def test_a_relative_cache_folder_is_not_taken(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache.folder() == tmp_path / ".cache" / "iolspi_ros"
+
+
+def test_looking_further_ahead_makes_up_for_values_that_know_nothing():
+    grid = Grid((0.0,), (3.0,), (4,))
+    ends = np.array([[0.5], [1.5]])
+
+    def prize(states, actions):
+        following, _, ended = walk(states, actions)
+        return following, np.where(ended, 1.0, 0.0), ended
+
+    short, far = (NearOptimal(grid, np.zeros(4), prize, 2, 0.5, n) for n in (1, 3))
+    assert short(ends).tolist() == [0, 0]
+    assert far(ends).tolist() == [1, 1]

@@ -17,13 +17,13 @@ TASK = SlungLoad()
 G, L = 9.81, 1.0  # T Table 2
 
 
-def pulled(_, y, a):
+def pulled(time, y, a):
     """The load seen from the quadrotor: it hangs in the field of gravity less acceleration.
 
     Newton for the load at angle θ, tangent (cos θ, -sin θ) with z down; the cable pulls across
     it, so L θ̈ is the tangent's part of (−a, g).
     """
-    x, speed, angle, rate = y
+    _, speed, angle, rate = y
     tangent = np.array([np.cos(angle), -np.sin(angle)])
     return [speed, a, rate, tangent @ np.array([-a, G]) / L]
 

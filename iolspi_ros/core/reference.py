@@ -145,7 +145,7 @@ def _sweep(
 
 @dataclass(frozen=True)
 class NearOptimal:
-    """A policy that looks one step ahead on the model and trusts V beyond.
+    """A policy that looks some steps ahead on the model and trusts V beyond.
 
     Attributes
     ----------
@@ -156,6 +156,8 @@ class NearOptimal:
         The model: (states, actions) → (next states, rewards, terminated).
     n_actions : int
     gamma : float
+    lookahead : int
+        Steps, 1 or more. Each makes up for a coarse grid, and asks the model n_actions times more.
     """
 
     grid: Grid
@@ -163,15 +165,23 @@ class NearOptimal:
     step: Step
     n_actions: int
     gamma: float
+    lookahead: int = 1
 
     def __call__(self, states: Array) -> NDArray[np.int64]:
         """Best action in each state, shape (n,)."""
+        return self._worth(states, self.lookahead).argmax(axis=1)
+
+    def _worth(self, states: Array, ahead: int) -> Array:
+        """Q of each state and action, shape (n, n_actions)."""
         q = np.empty((len(states), self.n_actions))
         for a in range(self.n_actions):
             following, reward, ended = self.step(states, np.full(len(states), a))
-            beyond = self.grid.interpolate(self.values, following)
+            if ahead > 1:
+                beyond = self._worth(following, ahead - 1).max(axis=1)
+            else:
+                beyond = self.grid.interpolate(self.values, following)
             q[:, a] = reward + self.gamma * np.where(ended, 0.0, beyond)
-        return q.argmax(axis=1)
+        return q
 
 
 def near_optimal(

@@ -115,11 +115,11 @@ def near_optimal_policy(
     grid = Grid(task.low, task.high, points or task.reference_points)
     name = _fingerprint(task, grid, time)
     values = cache.read(name, (grid.size,))
-    if values is not None:
-        return NearOptimal(grid, values, model, len(task.actions), task.gamma)
-    found = near_optimal(model, grid, len(task.actions), task.gamma, progress=progress)
-    cache.write(name, found.values)
-    return found
+    if values is None:
+        found = near_optimal(model, grid, len(task.actions), task.gamma, progress=progress)
+        values = found.values
+        cache.write(name, values)
+    return NearOptimal(grid, values, model, len(task.actions), task.gamma, task.reference_lookahead)
 
 
 def _fingerprint(task: Task, grid: Grid, time: float) -> str:

@@ -40,6 +40,8 @@ class Task(Protocol):
     """Dimensions that wrap around from `high` to `low`."""
     reference_points: tuple[int, ...]
     """Grid points per dimension that the near-optimal policy takes."""
+    reference_lookahead: int
+    """Steps that it looks ahead on the model before it trusts these points."""
     compiled: Callable[[Array, int, float, Array, Array], tuple[float, bool]]
     """The dynamics, once and for all: a numba dispatcher to build compiled loops around.
 

@@ -118,6 +118,7 @@ class Pendulum(Settings):
     high = (np.pi, RATE_LIMIT)
     periodic = (True, False)
     reference_points = (301, 301)
+    reference_lookahead = 1
     compiled = staticmethod(_step)
 
     inertia = 1.91e-4  # J [kg m^2]

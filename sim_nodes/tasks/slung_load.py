@@ -156,6 +156,7 @@ class SlungLoad(Settings):
     high = (3.0, 7.8, np.pi / 2, 6.5)
     periodic = (False, False, False, False)
     reference_points = (39, 53, 61, 53)  # ẋ only takes multiples of 0.3 m/s: 53 points hit them
+    reference_lookahead = 4
     compiled = staticmethod(_step)
 
     g = 9.81  # [m/s^2]
