@@ -229,7 +229,8 @@ def near_optimal(
     def sweep(improve: bool, backwards: bool) -> float:
         return _sweep(values, choice, model, grid.corners, gamma, improve, backwards)
 
-    first = change = sweep(True, False)
+    first, done = sweep(True, False), 0.0
+    change = first
     while change > tolerance:  # ends, for γ < 1
         # A sweep after the chosen actions costs a part of one over all. News travels its way,
         # so directions alternate.
@@ -238,7 +239,8 @@ def near_optimal(
                 break
         change = sweep(True, False)
         digits = math.log(first / max(change, tolerance)) / math.log(first / tolerance)
-        tell(_MODEL_SHARE + (1.0 - _MODEL_SHARE) * max(digits, 0.0))
+        done = max(done, digits)
+        tell(_MODEL_SHARE + (1.0 - _MODEL_SHARE) * done)
     return NearOptimal(grid, values, step, n_actions, gamma)
 
 
