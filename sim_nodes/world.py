@@ -67,11 +67,11 @@ class World:
     def begin(self, episode: int) -> Observation:
         """Put the vehicle at an initial condition."""
         if self.settings.order == "sweep":
-            row = self._episodes_started % len(self._starts)
+            self._state = self._starts[self._episodes_started % len(self._starts)]
         else:
-            row = int(self.rng.integers(len(self._starts)))
+            self._state = self.task.draw_initial(self.rng)
         self._episodes_started += 1
-        self._state, self._step = self._starts[row], 0
+        self._step = 0
         return Observation(episode, 0, self._measured())
 
     def move(self, episode: int, action: int) -> Observation:

@@ -116,7 +116,7 @@ def test_upright_is_the_whole_last_half_second():
     states[:, 0, 0] = 0.2
     states[:201, 1, 0] = 3.0
     states[250, 2, 0] = 0.3
-    assert TASK.succeeded(states).tolist() == [True, True, False]
+    assert TASK.succeeded(states, np.zeros((300, 3))).tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize(

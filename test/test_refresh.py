@@ -80,7 +80,7 @@ def test_from_samples_of_everywhere_it_is_near_optimal_at_once():
     update = core.inform(uniform(6000))
     assert update.accepted
     assert update.judgement.policies > 10
-    best = evaluate(TASK, near_optimal_policy(TASK, 151)).discounted_return
+    best = evaluate(TASK, near_optimal_policy(TASK)).discounted_return
     found = evaluate(TASK, policy_of(core.weights, core.features)).discounted_return
     assert found / best < 1.01
 
@@ -90,7 +90,7 @@ def test_it_learns_online_from_nothing():
     core = learner()
     world = World(TASK, WorldSettings(), np.random.default_rng([0, 0]))
     train(world, core, 27, Listener())
-    best = evaluate(TASK, near_optimal_policy(TASK, 151)).discounted_return
+    best = evaluate(TASK, near_optimal_policy(TASK)).discounted_return
     found = evaluate(TASK, policy_of(core.weights, core.features)).discounted_return
     assert found / best < 1.02
 

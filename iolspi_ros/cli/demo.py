@@ -152,13 +152,17 @@ def _report(
     from iolspi_ros.report import run as report
 
     features = prepare(vehicle.name, config, 0)[1].features
-    whole = [states for states in history.shown if len(states) == vehicle.episode_steps + 1]
+    whole = [
+        (np.array(states), rewards[1:])
+        for states, rewards in zip(history.shown, history.shown_rewards, strict=True)
+        if len(states) == vehicle.episode_steps + 1
+    ]
     if not whole:
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
-    shown = np.stack([np.array(states) for states in whole], axis=1)
+    states, rewards = (np.stack(episodes, axis=1) for episodes in zip(*whole, strict=True))
     extra |= {
         "demonstration_set": demonstration,
-        "shown_upright_fraction": float(vehicle.succeeded(shown).mean()),
+        "shown_upright_fraction": float(vehicle.succeeded(states, rewards).mean()),
         "wall_seconds": round(time.monotonic() - start, 1),
     }
     lead = (

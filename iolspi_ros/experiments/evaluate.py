@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros import __version__
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import greedy
-from iolspi_ros.core.reference import Grid, NearOptimal, near_optimal
+from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
+from iolspi_ros.experiments import cache
 from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
@@ -69,35 +72,62 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     state = task.initial_states()
     alive = np.ones(len(state), bool)
     total, discount = np.zeros(len(state)), 1.0
-    states, actions = [state], []
+    states, actions, rewards = [state], [], []
     for _ in range(task.episode_steps):
         action = policy(state)
         following, reward, terminated = task.step(state, action, time)
-        total += np.where(alive, discount * reward, 0.0)
+        rewards.append(np.where(alive, reward, 0.0))
+        total += discount * rewards[-1]
         state = np.where(alive[:, None], following, state)
         alive &= ~terminated
         discount *= task.gamma
         states.append(state)
         actions.append(action)
     history = np.stack(states)
-    return Evaluation(history, np.stack(actions), total, task.succeeded(history))
+    succeeded = task.succeeded(history, np.stack(rewards))
+    return Evaluation(history, np.stack(actions), total, succeeded)
 
 
-def near_optimal_policy(task: Task, points: int = 301, time: float = 0.0) -> NearOptimal:
+def near_optimal_policy(
+    task: Task,
+    points: tuple[int, ...] | None = None,
+    time: float = 0.0,
+    progress: Progress | None = None,
+) -> NearOptimal:
     """The yardstick: dynamic programming on the task's model (T has none).
+
+    Its values are kept in the user's cache folder and found there the next time.
 
     Parameters
     ----------
     task : Task
-    points : int
-        Grid points per dimension.
+    points : tuple of int, optional
+        Grid points per dimension; the task's own by default.
     time : float
         Vehicle time at which conditions are taken [s].
+    progress : callable, optional
+        Is told now and then what share of the work is done, 0 to 1.
     """
-    grid = Grid(task.low, task.high, (points,) * len(task.low), task.periodic)
-    return near_optimal(
-        lambda states, actions: task.step(states, actions, time),
-        grid,
-        len(task.actions),
-        task.gamma,
-    )
+
+    def model(states: Array, actions: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.bool_]]:
+        return task.step(states, actions, time)
+
+    grid = Grid(task.low, task.high, points or task.reference_points)
+    name = _fingerprint(task, grid, time)
+    values = cache.read(name, (grid.size,))
+    if values is None:
+        found = near_optimal(model, grid, len(task.actions), task.gamma, progress=progress)
+        values = found.values
+        cache.write(name, values)
+    return NearOptimal(grid, values, model, len(task.actions), task.gamma, task.reference_lookahead)
+
+
+def _fingerprint(task: Task, grid: Grid, time: float) -> str:
+    """Name of whatever makes the values: the settings, and how the model answers here and there."""
+    facts = (__version__, task.name, grid.low, grid.high, tuple(grid.counts), task.gamma)
+    digest = hashlib.sha256(repr(facts).encode() + task.parameters(time).tobytes())
+    probes = np.random.default_rng(0).uniform(grid.low, grid.high, (1000, len(grid.low)))
+    for action in range(len(task.actions)):
+        for answer in task.step(probes, np.full(len(probes), action), time):
+            digest.update(np.ascontiguousarray(answer).tobytes())
+    return f"{task.name}-{digest.hexdigest()[:16]}"

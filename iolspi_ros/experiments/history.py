@@ -64,6 +64,8 @@ class History:
     policies : list of Policy
     shown : list of list of ndarray
         States of the episodes flown at the end, greedily and without learning.
+    shown_rewards : list of list of float
+        What led to each of these states; zero for the first.
     offline : str
         How offline LSPI stopped.
     """
@@ -74,6 +76,7 @@ class History:
     scores: list[float] = field(default_factory=list)
     policies: list[Policy] = field(default_factory=list)
     shown: list[list[Array]] = field(default_factory=list)
+    shown_rewards: list[list[float]] = field(default_factory=list)
     offline: str = ""
 
     @property

@@ -47,6 +47,7 @@ class Monitor(Node):
         super().__init__("monitor")
         self.demonstrated: list[Array] = []
         self.episodes: list[list[Array]] = []
+        self.rewards: list[list[float]] = []
         self.scores: list[float] = []
         self._offline = ""
         self.missed = 0  # observations that did not reach this recorder
@@ -196,6 +197,7 @@ class Monitor(Node):
             scores=self.scores[:learned],
             policies=policies,
             shown=self.episodes[learned:],
+            shown_rewards=self.rewards[learned:],
             offline=self._offline,
         )
 
@@ -233,9 +235,11 @@ class Monitor(Node):
         if observation.episode != self._episode:
             self._episode, self._states = observation.episode, []
             self.episodes.append(self._states)
+            self.rewards.append([])
         gap = observation.step - len(self._states)
         self.missed += gap
         self._states += [observation.state] * (gap + 1)
+        self.rewards[-1] += [observation.reward] * (gap + 1)
         self._ended = self._ended + observation.last
 
     def _on_sample(self, message: Any) -> None:

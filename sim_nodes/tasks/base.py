@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,8 +15,8 @@ class Task(Protocol):
     """A Markov decision process with a list of actions.
 
     A state is the position and velocity of each joint in turn: [q_1, q̇_1, q_2, q̇_2, …], in SI
-    units and radians. Nothing here draws a random number or keeps a state; every function
-    takes one state, shape (n_dims,), or many, shape (n, n_dims).
+    units and radians. Nothing here keeps a state or a random generator; every function takes
+    one state, shape (n_dims,), or many, shape (n, n_dims).
     """
 
     name: str
@@ -37,6 +38,21 @@ class Task(Protocol):
     """Limits of the states that occur, per dimension."""
     periodic: tuple[bool, ...]
     """Dimensions that wrap around from `high` to `low`."""
+    reference_points: tuple[int, ...]
+    """Grid points per dimension that the near-optimal policy takes."""
+    reference_lookahead: int
+    """Steps that it looks ahead on the model before it trusts these points."""
+    compiled: Callable[[Array, int, float, Array, Array], tuple[float, bool]]
+    """The dynamics, once and for all: a numba dispatcher to build compiled loops around.
+
+    `compiled(state, action, noise, parameters(time), following)` takes one state, shape
+    (n_dims,), writes the next into `following` and returns (reward, terminated). `action` is
+    not checked.
+    """
+
+    def parameters(self, time: float) -> Array:
+        """What `compiled` needs to know of the vehicle at a vehicle time [s], shape (p,)."""
+        ...
 
     def step(
         self,
@@ -66,19 +82,45 @@ class Task(Protocol):
         ...
 
     def initial_states(self) -> Array:
-        """Every initial condition, shape (n, n_dims)."""
+        """Initial conditions that policies are judged from, always the same: (n, n_dims)."""
         ...
 
-    def succeeded(self, states: Array) -> NDArray[np.bool_]:
+    def draw_initial(self, rng: np.random.Generator) -> Array:
+        """One initial condition at random, shape (n_dims,)."""
+        ...
+
+    def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether an episode reached its goal.
 
         Parameters
         ----------
         states : ndarray of shape (n_steps + 1, n, n_dims)
-            States of n episodes over time.
+            States of n episodes over time; the last one of an episode that ended early stays.
+        rewards : ndarray of shape (n_steps, n)
+            Rewards of their steps; zero after the end.
 
         Returns
         -------
         ndarray of bool, shape (n,)
         """
         ...
+
+
+def advance(
+    one: Callable[..., tuple[float, bool]],
+    many: Callable[..., tuple[Array, Array, NDArray[np.bool_]]],
+    state: Array,
+    action: NDArray[np.int64] | int,
+    noise: Array | float,
+    parameters: Array,
+) -> tuple[Array, Any, Any]:
+    """Step one state or many with a task's compiled dynamics.
+
+    `one` is `Task.compiled`; `many` the generalised ufunc around it, which is several times
+    slower for a single state.
+    """
+    if state.ndim > 1:
+        return many(state, action, noise, parameters)
+    following = np.empty(state.shape)
+    reward, terminated = one(state, int(action), float(noise), parameters, following)
+    return following, reward, terminated

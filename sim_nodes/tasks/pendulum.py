@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import guvectorize, njit
 from numpy.typing import NDArray
 
 from iolspi_ros.settings import Settings, setting
+from sim_nodes.tasks.base import advance
 
 Array = NDArray[np.float64]
 
 RATE_LIMIT = 15 * np.pi
 """Angular rate at which the pendulum saturates [rad/s]."""
+_VOLTAGES = (-3.0, 0.0, 3.0)
 
 _HANGING_ANGLES = (np.pi - 0.1, np.pi, np.pi + 0.1)
 _HANGING_RATES = tuple(np.pi / 3 * k for k in range(-3, 4))
@@ -32,9 +35,49 @@ def wrap(angle: Any) -> Any:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def cost(angle: Any, rate: Any, voltage: Any) -> Any:
-    """Reward of a state and an action (T Eq. 16), negative."""
-    return -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * voltage * voltage)
+@njit(cache=True)
+def _acceleration(angle: float, rate: float, voltage: float, p: Array) -> float:
+    """α̈ [rad/s²] (T Eq. 15)."""
+    g, J, m, l, b, K, R, _ = p  # noqa: E741
+    gravity = m * g * l * math.sin(angle)
+    return (gravity - b * rate - K * K * rate / R + K * voltage / R) / J
+
+
+@njit(cache=True)
+def _step(
+    state: Array, action: int, noise: float, parameters: Array, following: Array
+) -> tuple[float, bool]:
+    """One T_s by one step of the fourth-order Runge-Kutta method; reward of T Eq. 16, negative."""
+    angle, rate, h = state[0], state[1], parameters[7]
+    chosen = _VOLTAGES[action]
+    voltage = chosen + noise
+    a1, b1 = rate, _acceleration(angle, rate, voltage, parameters)
+    a2 = rate + h / 2 * b1
+    b2 = _acceleration(angle + h / 2 * a1, a2, voltage, parameters)
+    a3 = rate + h / 2 * b2
+    b3 = _acceleration(angle + h / 2 * a2, a3, voltage, parameters)
+    a4 = rate + h * b3
+    b4 = _acceleration(angle + h * a3, a4, voltage, parameters)
+    after = angle + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    turned = rate + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+    following[0] = (after + math.pi) % (2 * math.pi) - math.pi
+    following[1] = min(max(turned, -RATE_LIMIT), RATE_LIMIT)
+    return -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * chosen * chosen), False
+
+
+@guvectorize(
+    ["void(f8[:], i8, f8, f8[:], f8[:], f8[:], b1[:])"], "(d),(),(),(p)->(d),(),()", cache=True
+)
+def _steps(
+    state: Array,
+    action: int,
+    noise: float,
+    parameters: Array,
+    following: Array,
+    reward: Array,
+    terminated: NDArray[np.bool_],
+) -> None:
+    reward[0], terminated[0] = _step(state, action, noise, parameters, following)
 
 
 @dataclass(frozen=True)
@@ -65,7 +108,7 @@ class Pendulum(Settings):
 
     name = "pendulum"
     joints = ("shaft",)
-    actions = (-3.0, 0.0, 3.0)
+    actions = _VOLTAGES
     action_unit = "V"
     neutral = 1
     dt = 0.005
@@ -74,6 +117,9 @@ class Pendulum(Settings):
     low = (-np.pi, -RATE_LIMIT)
     high = (np.pi, RATE_LIMIT)
     periodic = (True, False)
+    reference_points = (301, 301)
+    reference_lookahead = 1
+    compiled = staticmethod(_step)
 
     inertia = 1.91e-4  # J [kg m^2]
     mass = 0.055  # m [kg]
@@ -81,6 +127,7 @@ class Pendulum(Settings):
     friction = 3e-6  # b [N m s/rad]
     torque_constant = 0.0536  # K [N m/A]
     resistance = 9.5  # R [Ω]
+    _constants = (inertia, mass, length, friction, torque_constant, resistance, dt)
 
     def gravity(self, time: float) -> float:
         """G at a vehicle time [m/s²]: sudden or gradual change (T 10-1-3)."""
@@ -90,12 +137,9 @@ class Pendulum(Settings):
         done = 1.0 if since >= self.g_change_duration else since / self.g_change_duration
         return self.g + done * (self.g_after - self.g)
 
-    def acceleration(self, angle: Any, rate: Any, voltage: Any, g: float) -> Any:
-        """α̈ [rad/s²] (T Eq. 15); floats or arrays."""
-        k, r = self.torque_constant, self.resistance
-        sine = math.sin(angle) if isinstance(angle, float) else np.sin(angle)
-        gravity = self.mass * g * self.length * sine
-        return (gravity - self.friction * rate - k * k * rate / r + k * voltage / r) / self.inertia
+    def parameters(self, time: float) -> Array:
+        """(g, J, m, l, b, K, R, T_s) at a vehicle time, shape (8,)."""
+        return np.array((self.gravity(time), *self._constants))
 
     def step(
         self,
@@ -109,33 +153,7 @@ class Pendulum(Settings):
         The reward is that of the state left and the action chosen, noise aside (T Eqs. 3, 16):
         a cost, so negative.
         """
-        g = self.gravity(time)
-        if state.ndim == 1:  # plain floats are several times faster than arrays of one
-            angle, rate = state.tolist()
-            voltage = self.actions[int(action)]
-            after, turned = self._integrate(angle, rate, voltage + noise, g)
-            limited = min(max(turned, -RATE_LIMIT), RATE_LIMIT)
-            return np.array((wrap(after), limited)), cost(angle, rate, voltage), False
-        voltages = _VOLTAGES[action]
-        angles, rates = state[:, 0], state[:, 1]
-        after, turned = self._integrate(angles, rates, voltages + noise, g)
-        following = np.stack((wrap(after), np.clip(turned, -RATE_LIMIT, RATE_LIMIT)), axis=1)
-        return following, cost(angles, rates, voltages), np.zeros(len(state), bool)
-
-    def _integrate(self, angle: Any, rate: Any, voltage: Any, g: float) -> tuple[Any, Any]:
-        """Angle and rate one T_s later, neither wrapped nor limited."""
-        h = self.dt
-        a1, b1 = rate, self.acceleration(angle, rate, voltage, g)
-        a2 = rate + h / 2 * b1
-        b2 = self.acceleration(angle + h / 2 * a1, a2, voltage, g)
-        a3 = rate + h / 2 * b2
-        b3 = self.acceleration(angle + h / 2 * a2, a3, voltage, g)
-        a4 = rate + h * b3
-        b4 = self.acceleration(angle + h * a3, a4, voltage, g)
-        return (
-            angle + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4),
-            rate + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4),
-        )
+        return advance(_step, _steps, state, action, noise, self.parameters(time))
 
     def initial_states(self) -> Array:
         """Every pair of initial angle and rate (T IV-A, IV-A-3), shape (21 or 28, 2)."""
@@ -144,11 +162,13 @@ class Pendulum(Settings):
         rates = _HANGING_RATES if hanging else _SPREAD_RATES
         return np.array([(wrap(angle), rate) for angle in angles for rate in rates])
 
-    def succeeded(self, states: Array) -> NDArray[np.bool_]:
+    def draw_initial(self, rng: np.random.Generator) -> Array:
+        """One of the initial states, all as likely."""
+        states = self.initial_states()
+        return states[rng.integers(len(states))]
+
+    def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether each episode is upright within 15° for the whole of its last 0.5 s."""
         last = states[-round(UPRIGHT_TIME / self.dt) :, :, 0]
         upright: NDArray[np.bool_] = np.all(np.abs(last) <= UPRIGHT_ANGLE, axis=0)
         return upright
-
-
-_VOLTAGES = np.array(Pendulum.actions)
