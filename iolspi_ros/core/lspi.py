@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
@@ -96,6 +97,19 @@ def solve(moments: Moments, gamma: float, scaling: str = "samples") -> Solve:
     return replace(found, weights=found.weights.reshape(moments.n_actions, moments.size))
 
 
+@njit(cache=True)
+def _norm(matrix: Array) -> float:
+    """Largest sum of a row's magnitudes: the 1-norm of the transpose."""
+    most = 0.0
+    for row in matrix:
+        total = 0.0
+        for value in row:
+            total += abs(value)
+        if not total <= most:  # keeps a NaN
+            most = total
+    return most
+
+
 def solve_system(matrix: Array, target: Array) -> Solve:
     """Solve Mw = b and say how far to believe it.
 
@@ -110,7 +124,7 @@ def solve_system(matrix: Array, target: Array) -> Solve:
         Whose weights have shape (order,).
     """
     order = len(target)
-    norm = float(np.abs(matrix).sum(axis=1).max())  # 1-norm of the transpose
+    norm = _norm(matrix)
     if not (np.isfinite(norm) and np.isfinite(target).all()):
         return Solve(np.full(order, np.nan), np.inf, 0, np.inf, "non-finite")
     factors, pivots, failed = lapack.dgetrf(matrix.T, overwrite_a=False)
@@ -216,13 +230,11 @@ class BlockSystem:
     def moments(self, policy: Actions) -> Moments:
         """Γ, Λ and z of a policy."""
         size = self.vector.shape[1]
-        everyone = np.arange(len(policy))
-        last, moved = self._last, everyone
-        if last is not None:
-            moved = np.flatnonzero(policy != last)
+        last = self._last
+        moved = np.flatnonzero(policy != last) if last is not None else np.arange(len(policy))
         if last is None or 2 * len(moved) > len(policy):
             self._cross = np.zeros_like(self._cross)
-            self._add(everyone, policy, self.weight)
+            self._add(slice(None), policy, self.weight)
         elif len(moved):
             self._cross = self._cross.copy()  # the one before is somebody's
             self._add(moved, policy, self.weight)
@@ -233,7 +245,7 @@ class BlockSystem:
         mass = float(self.weight.sum())
         return Moments(gram, self._cross, self.vector, len(policy), mass, self.delta)
 
-    def _add(self, rows: NDArray[np.int64], policy: Actions, weight: Array) -> None:
+    def _add(self, rows: NDArray[np.int64] | slice, policy: Actions, weight: Array) -> None:
         add_cross(
             self._cross, self.phi[rows], self.action[rows], self.next_phi[rows], policy[rows],
             weight[rows],

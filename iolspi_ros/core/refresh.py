@@ -146,7 +146,7 @@ def refresh(
         return Refreshed(weights, found[-1][0], found[-1][1], judgement)
     prediction = judge.fit(system, buffer.transitions, basis)
     policies = [weights, *(solve.weights for solve, _, _ in healthy)]
-    returns = np.array([prediction.returns(policy, starts, s.gamma) for policy in policies])
+    returns = judge.compare(prediction, policies, starts, s.gamma)
     chosen = judge.best(returns)
     solve, iteration, delta = healthy[max(chosen, 1) - 1 if chosen else judge.best(returns[1:])]
     judgement = Judgement(
