@@ -88,6 +88,17 @@ class World:
         cut = not ended and self._step >= self.task.episode_steps
         return Observation(episode, self._step, self._measured(), float(reward), action, ended, cut)
 
+    @property
+    def noisy(self) -> bool:
+        """Whether there is noise between the vehicle and its controller."""
+        return bool(self.settings.action_noise or self._sensor.any())
+
+    def flown(self, state: Array, steps: int) -> None:
+        """Take over a stretch that was computed elsewhere, and where it led."""
+        self._state = state
+        self._step += steps
+        self.vehicle_steps += steps
+
     def _measured(self) -> Array:
         if not self._sensor.any():
             return self._state

@@ -58,10 +58,32 @@ def test_it_is_algorithm_2(forget_factor):
         return observe(ended)
 
     core.observe = keep
-    train(world(), core, 3, Listener())
+    train(world(), core, 3, Listener(on_observation=lambda *_: None))
     assert core.updates == 18
     expected = algorithm_2(start, seen, core.features, core.settings)
     np.testing.assert_allclose(core.weights, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("task", [Pendulum(), Pendulum(g_after=19.81, g_change_start=1.7)])
+@pytest.mark.parametrize("algorithm", ["literal", "refreshed"])
+def test_the_compiled_loop_flies_step_by_step_the_same(task, algorithm):
+    """Zero weights make ties; g that jumps, episodes and batches cut the loop."""
+    cores, states = [], []
+    for listener in (Listener(), Listener(on_observation=lambda *_: None)):
+        core = learner(algorithm=algorithm, update_interval=70, epsilon=0.5, epsilon_decay=0.9)
+        core.weights[:] = 0.0
+        vehicle = World(task, WorldSettings(), np.random.default_rng([4, 0]))
+        train(vehicle, core, 3, listener)
+        cores.append(core)
+        states.append(vehicle.begin(9).state)
+    compiled, plain = cores
+    assert compiled.updates == plain.updates > 10
+    np.testing.assert_array_equal(compiled.weights, plain.weights)
+    for a, b in zip(compiled.state()["batch"], plain.state()["batch"], strict=True):
+        for x, y in zip(a, b, strict=True):
+            np.testing.assert_array_equal(x, y)
+    np.testing.assert_array_equal(*states)
+    assert compiled.rng.random() == plain.rng.random()
 
 
 def test_exploration_decays_as_in_eq_14():

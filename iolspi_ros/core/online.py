@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -124,7 +124,7 @@ class OnlineLSPI:
         self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
         self.dropped = 0
-        self._batch = Batch(settings.update_interval, self.features.n_dims)
+        self.batch = Batch(settings.update_interval, self.features.n_dims)
         self._q = np.empty(settings.n_actions)
 
     @property
@@ -151,9 +151,13 @@ class OnlineLSPI:
         if explore and self.rng.random() < self.epsilon:
             return int(self.rng.integers(self.settings.n_actions)), Source.EXPLORE
         q = self.features.weigh(self.weights, state, self._q).tolist()
-        best = [a for a, value in enumerate(q) if value == max(q)]
-        chosen = best[0] if len(best) == 1 else int(self.rng.choice(best or len(q)))
-        return chosen, Source.EXPLOIT
+        return self.choose(q), Source.EXPLOIT
+
+    def choose(self, q: Sequence[float]) -> int:
+        """Action of the largest value; one of several at random."""
+        most = max(q)
+        best = [a for a, value in enumerate(q) if value == most]
+        return best[0] if len(best) == 1 else int(self.rng.choice(best or len(q)))
 
     def observe(self, transition: Transition) -> bool:
         """Keep one transition; one with a number that is not finite is dropped and counted.
@@ -166,11 +170,11 @@ class OnlineLSPI:
         t = transition
         numbers = (t.reward, *t.state.tolist(), *t.next_state.tolist())
         if all(map(math.isfinite, numbers)) and 0 <= t.action < self.settings.n_actions:
-            self._batch.append(transition)
+            self.batch.append(transition)
             self.step += 1
         else:
             self.dropped += 1
-        return len(self._batch) >= self.settings.update_interval
+        return len(self.batch) >= self.settings.update_interval
 
     def inform(
         self,
@@ -237,7 +241,7 @@ class OnlineLSPI:
 
     def begin_update(self) -> Callable[[], Outcome]:
         """Take the batch; the returned computation may run anywhere."""
-        batch = self._batch.take()
+        batch = self.batch.take()
         self.n_samples += len(batch)
         if not self.literal:
             return self._refreshed(batch, self.weights, False, always)
@@ -316,7 +320,7 @@ class OnlineLSPI:
             "n_samples": self.n_samples,
             "updates": self.updates,
             "dropped": self.dropped,
-            "batch": self._batch.rows(),
+            "batch": self.batch.rows(),
             "rng": self.rng.bit_generator.state,
         }
 
@@ -337,7 +341,7 @@ class OnlineLSPI:
         self.buffer, self.starts = state["buffer"], state["starts"]
         for name in ("step", "n_samples", "updates", "dropped"):
             setattr(self, name, state[name])
-        self._batch.take()
+        self.batch.take()
         for transition in state["batch"]:
-            self._batch.append(transition)
+            self.batch.append(transition)
         self.rng.bit_generator.state = state["rng"]

@@ -134,11 +134,29 @@ class Batch:
     def __len__(self) -> int:
         return self._used
 
+    def reserve(self, count: int) -> Transitions:
+        """Rows to write the next transitions into, neither ended nor cut; see `written`."""
+        while self._used + count > len(self._columns):
+            doubled = np.arange(2 * len(self._columns)) % len(self._columns)
+            self._columns = self._columns[doubled]
+        rows = self._columns[self._used : self._used + count]
+        rows.terminated[:] = False
+        rows.truncated[:] = False
+        return rows
+
+    def written(self, count: int) -> None:
+        """So many of the reserved rows hold a transition now."""
+        self._used += count
+
+    def end(self, terminated: bool) -> None:
+        """The last transition ended its episode, or the clock cut it there."""
+        self._columns.terminated[self._used - 1] = terminated
+        self._columns.truncated[self._used - 1] = not terminated
+
     def append(self, transition: Transition) -> None:
         """Write one more."""
         if self._used == len(self._columns):
-            doubled = np.arange(2 * self._used) % self._used
-            self._columns = self._columns[doubled]
+            self.reserve(1)
         columns, row = self._columns, self._used
         columns.state[row] = transition.state
         columns.action[row] = transition.action

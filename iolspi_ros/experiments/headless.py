@@ -12,6 +12,7 @@ from iolspi_ros import resources
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation, Transition, Transitions
+from iolspi_ros.experiments.compiled import fly
 from iolspi_ros.experiments.history import History, Policy
 from iolspi_ros.settings import from_mapping
 from sim_nodes.tasks import make_task
@@ -62,6 +63,9 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
     episodes : int
     listener : Listener
     """
+    if listener.on_observation is None and not world.noisy:
+        fly(world, learner, episodes, listener.on_update or (lambda update: None))
+        return
     for episode in range(episodes):
         seen = world.begin(episode)
         while not seen.last:
