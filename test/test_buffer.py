@@ -44,8 +44,9 @@ def test_when_full_the_fullest_boxes_are_thinned_and_then_the_oldest_go():
 
 
 def test_demonstrations_stay_by_choice():
-    for keep, left in ((True, [0, 1]), (False, [2, 3])):
+    for keep, left in ((True, [1, 2, 3]), (False, [2, 3])):
         buffer = Buffer.empty(CELLS, 2, 100, keep).add(batch([0, 0]), step=0, demonstrated=True)
+        assert numbers(buffer) == [0, 1]
         assert numbers(buffer.add(batch([0, 0], first=2), step=2)) == left
 
 

@@ -41,7 +41,7 @@ class Buffer:
 
     When a box of states has more than `per_cell` samples of one action, its oldest goes. When
     all boxes together still have too many, the fullest are thinned, then the oldest go.
-    Demonstrations stay as long as they fit, when `keep_demonstrations` says so.
+    With `keep_demonstrations`, half as many places again are theirs in each box.
 
     Attributes
     ----------
@@ -135,12 +135,11 @@ class Buffer:
         """Which samples fit, shape (n_samples,)."""
         n = len(self)
         cell = self._cell()
-        # Newest last within each box; demonstrations count as newest when they are to be kept.
-        safe = self.demonstrated if self.keep_demonstrations else np.zeros(n, bool)
-        order = np.lexsort((np.arange(n), safe, cell))
-        ends = np.searchsorted(cell[order], cell[order], side="right")
-        rank = np.empty(n, np.int64)  # 0 for the newest of a box
-        rank[order] = ends - 1 - np.arange(n)
+        rank = _rank(cell)
+        if self.keep_demonstrations:
+            # They have places of their own, so that what is newer is never kept out.
+            among = _rank(np.where(self.demonstrated, cell, -1 - np.arange(n)))
+            rank = np.where(self.demonstrated, np.minimum(rank, 2 * among), rank)
         staying = rank < self.per_cell
         if staying.sum() <= self.bound:
             return staying
@@ -149,6 +148,14 @@ class Buffer:
         staying = rank < depth
         spare = self.bound - int(staying.sum())
         rest = np.flatnonzero(rank == depth)
-        latest = rest[np.lexsort((rest, safe[rest]))][len(rest) - spare :]
-        staying[latest] = True
+        staying[rest[len(rest) - spare :]] = True
         return staying
+
+
+def _rank(cell: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many of the same box came later, shape (n_samples,)."""
+    order = np.argsort(cell, kind="stable")
+    ends = np.searchsorted(cell[order], cell[order], side="right")
+    rank = np.empty(len(cell), np.int64)
+    rank[order] = ends - 1 - np.arange(len(cell))
+    return rank

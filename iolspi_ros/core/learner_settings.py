@@ -67,7 +67,7 @@ class LearnerSettings(Settings):
         8, "refreshed: samples kept of one action in a box of half a spacing each way", low=1
     )
     keep_demonstrations: bool = setting(
-        True, "refreshed: demonstrated samples are the last to be thrown away"
+        True, "refreshed: demonstrated samples have places of their own in the buffer"
     )
     refresh_iterations: int = setting(
         6, "refreshed: policies solved for in an update, for each delta tried", low=1

@@ -1,0 +1,90 @@
+"""`iolspi bench`: measure what the learner learns, how fast it computes, how far it grows."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from iolspi_ros.cli import app
+from iolspi_ros.cli.progress import bar, console
+from iolspi_ros.errors import check_choice
+
+if TYPE_CHECKING:
+    from iolspi_ros.bench.rows import Row
+
+SUBJECTS = ("learner", "speed", "scale")
+
+
+@app.command(epilog="Example: iolspi bench speed --json out/speed.json")
+def bench(
+    subjects: Annotated[
+        Optional[list[str]], typer.Argument(help="learner, speed or scale; all by default.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Realisations, of `learner`.")] = 20,
+    file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
+    plots: Annotated[Optional[Path], typer.Option(help="Folder for plots.")] = None,
+) -> None:
+    """Measure, and say which goals hold.
+
+    On two cores `learner` takes about 40 minutes with 20 seeds, `speed` 5 and `scale` 10.
+    """
+    from iolspi_ros import resources
+    from iolspi_ros.bench import machine
+
+    for subject in subjects or []:
+        check_choice("subject", subject, SUBJECTS)
+    for path in (file and file.parent, plots):
+        if path:
+            resources.make_folder(path)
+    rows = machine.rows()
+    console.print(f"{platform.machine()}, Python {platform.python_version()}")
+    for subject in subjects or SUBJECTS:
+        rows += _measure(subject, seeds, plots)
+        if file:  # after each subject, so that a later one costs nothing that is there
+            _write(file, rows)
+    _table(rows)
+
+
+def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
+    if subject == "learner":
+        from iolspi_ros.bench import figures, learner
+
+        with bar("learner [realisations]", learner.total(seeds)) as show:
+            still, jump = learner.curves(seeds, show)
+        if plots:
+            figures.learning(still, jump, plots)
+        return learner.rows(still, jump)
+    if subject == "speed":
+        from iolspi_ros.bench import speed
+
+        with bar("speed [comparisons]", speed.COMPARISONS) as show:
+            return speed.rows(show)
+    from iolspi_ros.bench import figures, scale
+
+    with bar("scale [runs]", scale.RUNS) as show:
+        found = scale.measure(show)
+    if plots:
+        figures.scaling(found, plots)
+    return scale.rows(found)
+
+
+def _write(file: Path, rows: list[Row]) -> None:
+    from iolspi_ros.core.checkpoint import atomic_file
+
+    with atomic_file(file) as out:
+        out.write(json.dumps([asdict(row) for row in rows], indent=1).encode() + b"\n")
+
+
+def _table(rows: list[Row]) -> None:
+    from rich.table import Table
+
+    table = Table("figure", "value", "unit", "goal", "holds")
+    for row in rows:
+        holds = "" if row.holds is None else "yes" if row.holds else "[red]no[/red]"
+        table.add_row(row.name, f"{row.value:.4g}", row.unit, row.goal, holds)
+    console.print(table)
