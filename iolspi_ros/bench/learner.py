@@ -18,7 +18,9 @@ from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.headless import Listener, train
-from sim_nodes.tasks.pendulum import UPRIGHT_ANGLE, UPRIGHT_TIME, Pendulum
+from sim_nodes.tasks import make_task
+from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.pendulum import UPRIGHT_ANGLE, UPRIGHT_TIME
 from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
@@ -30,7 +32,8 @@ DEADLINE = dict.fromkeys(SOURCES, 20.0) | {"nothing": 40.0}
 """Vehicle time by which a policy should be near-optimal [s]."""
 LITERAL = LearnerSettings(algorithm="literal", periodic=(False,))
 REFRESHED = LearnerSettings()
-JUMP = Pendulum(g_after=19.81, g_change_start=300.0)
+STILL = make_task("pendulum", {}, "bench")
+JUMP = make_task("pendulum", {"g_after": 19.81, "g_change_start": 300.0}, "bench")
 """T IV-A-4."""
 FORGETTING = 0.99991
 """η of the jump: 1 % left after 50,000 steps, the best of T IV-A-5."""
@@ -65,14 +68,15 @@ class Curve:
 
 
 @cache
-def best_return(task: Pendulum, time: float) -> float:
+def best_return(jump: bool, time: float) -> float:
     """Near-optimal mean discounted return under the conditions of a time."""
+    task = JUMP if jump else STILL
     return evaluate(task, near_optimal_policy(task, time=time), time).discounted_return
 
 
 def samples(source: str, seed: int) -> Transitions | None:
     """What a realisation learns from before it flies."""
-    task = Pendulum()
+    task = STILL
     if source.startswith("set "):
         path = resources.find("demos", "pendulum", f"set_{source[4:]}")
         return read_demonstration(path, task.name, task.joints).transitions(2)
@@ -95,7 +99,7 @@ def samples(source: str, seed: int) -> Transitions | None:
     return Transitions.of(rows, 2)
 
 
-def fly(source: str, settings: LearnerSettings, seed: int, task: Pendulum, seconds: float) -> Curve:
+def fly(source: str, settings: LearnerSettings, seed: int, task: Task, seconds: float) -> Curve:
     """One realisation: learn from samples, go on online, judge every policy on the model."""
     core = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
     found: list[tuple[float, float, float, float]] = []
@@ -103,7 +107,7 @@ def fly(source: str, settings: LearnerSettings, seed: int, task: Pendulum, secon
     def look(time: float) -> None:
         flown = evaluate(task, policy_of(core.weights, core.features), time)
         ends = np.abs(flown.states[-round(UPRIGHT_TIME / task.dt) :, :, 0]) <= UPRIGHT_ANGLE
-        ratio = flown.discounted_return / best_return(task, time)
+        ratio = flown.discounted_return / best_return(task is JUMP, time)
         found.append((time, ratio, float(ends.mean()), flown.success_fraction))
 
     taught = samples(source, seed)
@@ -124,19 +128,19 @@ def curves(seeds: int, show: Callable[[int], None]) -> tuple[list[Curve], list[C
     still, jump : list of Curve
         With constant g, and with g that jumps.
     """
-    task = Pendulum()
+    task = STILL
     work = [
         delayed(fly)(source, settings, seed, task, SECONDS)
         for source in SOURCES
         for settings in (LITERAL, REFRESHED)
         for seed in range(seeds)
     ]
-    changes = {"epsilon": 0.05, "forget_factor": FORGETTING}
-    for settings in (replace(LITERAL, **changes), replace(REFRESHED, **changes)):
+    for still in (LITERAL, REFRESHED):
+        settings = replace(still, epsilon=0.05, forget_factor=FORGETTING)
         work += [delayed(fly)("set 5", settings, seed, JUMP, 420.0) for seed in range(seeds)]
     for time in (0.0, 300.0):
-        best_return(JUMP, time)  # into the cache, once for all processes
-    best_return(task, 0.0)
+        best_return(True, time)  # into the cache, once for all processes
+    best_return(False, 0.0)
     done: list[Curve] = []
     for curve in Parallel(n_jobs=-1, return_as="generator")(work):
         done.append(curve)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from iolspi_ros.core.features import Basis, Table, evaluate
-from iolspi_ros.core.lspi import BlockSystem
+from iolspi_ros.core.lspi import System
 from iolspi_ros.core.samples import Transitions
 
 Array = NDArray[np.float64]
@@ -78,12 +79,20 @@ class Prediction:
         return np.where(np.isfinite(found), found, -np.inf)
 
 
-def fit(system: BlockSystem, transitions: Transitions, basis: Basis) -> Prediction:
+class SampleSystem(System, Protocol):
+    """A system that can also predict."""
+
+    def regress(self, target: Array, ridge: float) -> Array:
+        """Weights that predict targets from φ(s, a)."""
+        ...
+
+
+def fit(system: SampleSystem, transitions: Transitions, basis: Basis) -> Prediction:
     """Fit a prediction to the samples of a system, weighted as they are there.
 
     Parameters
     ----------
-    system : BlockSystem
+    system : SampleSystem
     transitions : Transitions
         The same samples.
     basis : Basis
@@ -96,13 +105,7 @@ def fit(system: BlockSystem, transitions: Transitions, basis: Basis) -> Predicti
     change = transitions.next_state - transitions.state
     change -= period * np.round(change / np.where(period > 0.0, period, 1.0))
     target = np.column_stack([change, transitions.reward, transitions.terminated])
-    n_actions, size = system.vector.shape
-    weights = np.zeros((n_actions, target.shape[1], size))
-    ridge = RIDGE * np.eye(size)
-    for a in range(n_actions):
-        rows = system.action == a
-        moment = (system.weight[rows, None] * system.phi[rows]).T @ target[rows]
-        weights[a] = np.linalg.solve(system.gram[a] + ridge, moment).T
+    weights = system.regress(target, RIDGE)
     seen = np.concatenate([transitions.state, transitions.next_state, [basis.low, basis.high]])
     return Prediction(basis, weights, seen.min(axis=0), seen.max(axis=0), period)
 
@@ -119,6 +122,8 @@ def plausible(q: Array, reward: Array, gamma: float) -> bool:
     gamma : float in [0, 1)
     """
     most = float(np.abs(reward).max(initial=0.0)) / (1.0 - gamma)
+    if not np.isfinite(most):
+        return False
     return bool(np.abs(q).max(initial=0.0) <= FAR_OFF * most or most == 0.0)
 
 
@@ -199,7 +204,7 @@ def _returns(
             left = gamma * (1.0 - min(max(following[n_dims + 1], 0.0), 1.0))
             early *= left
             late *= left
-            if early == 0.0:
+            if early <= HORIZON_SHARE * share[start]:
                 break
             for d in range(n_dims):
                 moved = state[d] + following[d]

@@ -185,7 +185,7 @@ class System(Protocol):
 
 
 class BlockSystem:
-    """Γ, Λ and z in blocks by action, solved densely.
+    """Γ, Λ and z in blocks by action, solved densely: for more samples than functions.
 
     Only Λ depends on the policy, and from one policy to the next few actions change: only
     their samples are moved between its blocks.
@@ -226,6 +226,35 @@ class BlockSystem:
     def policy(self, weights: Array) -> Actions:
         """Greedy actions in the next states, shape (n_samples,)."""
         return greedy(weights, self.next_phi)
+
+    def values(self, weights: Array) -> Array:
+        """Q̂ in the next states, shape (n_samples, n_actions)."""
+        return self.next_phi @ weights.T
+
+    def scale(self) -> float:
+        """Scale of Γ: its trace over its effective rank (tr Γ)² / tr Γ², so tr Γ² / tr Γ."""
+        trace = float(np.trace(self.gram, axis1=1, axis2=2).sum())
+        return float((self.gram * self.gram).sum()) / trace if trace > 0.0 else 1.0
+
+    def regress(self, target: Array, ridge: float) -> Array:
+        """Weights that predict targets from φ(s, a), by ridge regression.
+
+        Parameters
+        ----------
+        target : ndarray of shape (n_samples, n_targets)
+        ridge : float
+
+        Returns
+        -------
+        ndarray of shape (n_actions, n_targets, size)
+        """
+        n_actions, size = self.vector.shape
+        weights = np.zeros((n_actions, target.shape[1], size))
+        for a in range(n_actions):
+            rows = self.action == a
+            moment = (self.weight[rows, None] * self.phi[rows]).T @ target[rows]
+            weights[a] = np.linalg.solve(self.gram[a] + ridge * np.eye(size), moment).T
+        return weights
 
     def moments(self, policy: Actions) -> Moments:
         """Γ, Λ and z of a policy."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
+from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import BlockSystem, Iteration, Solve, always, policy_iteration
@@ -79,12 +80,6 @@ class Refreshed:
     judgement: Judgement
 
 
-def gram_scale(gram: Array) -> float:
-    """Scale of Γ: its trace over its effective rank (tr Γ)² / tr Γ², which is tr Γ² / tr Γ."""
-    trace = float(np.trace(gram, axis1=1, axis2=2).sum())
-    return float((gram * gram).sum()) / trace if trace > 0.0 else 1.0
-
-
 def refresh(
     buffer: Buffer,
     step: int,
@@ -122,8 +117,11 @@ def refresh(
         return time.monotonic() < deadline and proceed(number, change)
 
     weight = buffer.weight(step, s.forget_factor)
-    system = BlockSystem(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0)
-    scale = gram_scale(system.gram)
+    # Whichever is smaller: one unknown for each function and action, or one for each sample.
+    many = s.n_actions * basis.size > len(buffer) and not len(basis.table.kept)
+    kind = DualSystem if many else BlockSystem
+    system = kind(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0)
+    scale = system.scale()
     found: list[tuple[Solve, Iteration, float]] = []
     for share in DELTAS:
         system.delta = share * scale
@@ -156,11 +154,12 @@ def refresh(
     return Refreshed(policies[chosen], solve, iteration, judgement)
 
 
-def _believed(solve: Solve, system: BlockSystem, buffer: Buffer, gamma: float) -> Solve:
+def _believed(
+    solve: Solve, system: BlockSystem | DualSystem, buffer: Buffer, gamma: float
+) -> Solve:
     """The solve, unhealthy when its values are beyond what the rewards allow."""
     if not solve.healthy:
         return solve
-    q = system.next_phi @ solve.weights.T
-    if judge.plausible(q, buffer.transitions.reward, gamma):
+    if judge.plausible(system.values(solve.weights), buffer.transitions.reward, gamma):
         return solve
     return replace(solve, status="diverging")

@@ -91,7 +91,7 @@ class _Flight:
         return steps, terminated, tied
 
 
-@njit  # type: ignore[untyped-decorator]
+@njit
 def _fly(
     dynamics: Callable[..., tuple[float, bool]],
     parameters: Array,

@@ -1,0 +1,57 @@
+"""Plots of what was measured, as docs/benchmarks.md shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from iolspi_ros.bench.learner import DEADLINE, SOURCES, Curve
+from iolspi_ros.bench.scale import T_SECONDS, Grown, exponent
+from iolspi_ros.report.plots import ACCENT, FAINT, INK, REFERENCE
+
+_COLOURS = {"literal": FAINT, "refreshed": ACCENT}
+
+
+def learning(still: Sequence[Curve], jump: Sequence[Curve], folder: Path) -> None:
+    """Cost over near-optimal by source, median and range of the seeds: learning.png."""
+    figure = Figure(figsize=(11.0, 6.0), layout="constrained")
+    panels = figure.subplots(2, 4, sharey=True).ravel()
+    groups = [(s, [c for c in still if c.source == s]) for s in SOURCES]
+    groups.append(("set 5, g jumps at 300 s", list(jump)))
+    for axes, (title, curves) in zip(panels, groups, strict=True):
+        for algorithm, colour in _COLOURS.items():
+            chosen = [c for c in curves if c.algorithm == algorithm]
+            ratio = np.stack([c.ratio for c in chosen])
+            time = chosen[0].time
+            axes.fill_between(time, ratio.min(axis=0), ratio.max(axis=0), color=colour, alpha=0.25)
+            axes.plot(time, np.median(ratio, axis=0), color=colour, label=algorithm)
+        axes.axhline(1.0, color=REFERENCE, lw=1.0)
+        if title in DEADLINE:
+            axes.axvline(DEADLINE[title], color=INK, lw=0.5, ls=":")
+        axes.set_title(title, loc="left", fontsize=10)
+        axes.set_ylim(0.99, 1.15)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[0].legend(frameon=False)
+    figure.supxlabel("vehicle time [s]")
+    figure.supylabel("discounted cost over near-optimal (median, and range of all seeds)")
+    figure.savefig(folder / "learning.png", dpi=110)
+
+
+def scaling(found: Sequence[Grown], folder: Path) -> None:
+    """Time against the number of functions: scaling.png."""
+    figure = Figure(figsize=(6.0, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    axes.loglog(*zip(*T_SECONDS.items(), strict=True), "s--", color=INK, label="T Table 3, Matlab")
+    for algorithm, colour in _COLOURS.items():
+        chosen = [g for g in found if g.algorithm == algorithm]
+        x, y = [float(g.functions) for g in chosen], [g.seconds for g in chosen]
+        label = f"{algorithm}: functions to the {exponent(x, y):.2f}"
+        axes.loglog(x, y, "o-", color=colour, label=label)
+    axes.set_xlabel("functions of state and action")
+    axes.set_ylabel("time of 1,000 episodes [s]")
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(folder / "scaling.png", dpi=110)

@@ -1,0 +1,120 @@
+"""LSTD-Q with one unknown for each sample: for grids with more functions than samples.
+
+The weights that solve (Φᵀ W (Φ - γΦ') + δI) w = Φᵀ W r are a sum of the samples' own features,
+w = Φᵀα, so that α solves (K - γK' + δ W⁻¹) α = r with K = ΦΦᵀ and K' = Φ'Φᵀ: as many unknowns
+as samples, whatever the number of functions. A grid is a product of functions of one variable,
+and so K is the product, entry by entry, of one small product for each dimension: Γ and Λ are
+never built. Nothing is approximated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve as solve_positive
+
+from iolspi_ros.core.features import Basis
+from iolspi_ros.core.lspi import Actions, Solve, solve_system
+from iolspi_ros.core.samples import Transitions
+
+Array = NDArray[np.float64]
+
+CHUNK = 512
+"""Samples whose features are evaluated at a time."""
+
+
+class DualSystem:
+    """The same answers as `lspi.BlockSystem`, from matrices of samples by samples.
+
+    Parameters
+    ----------
+    transitions, n_actions, gamma, weight, delta
+        As of `lspi.BlockSystem`; δ must be positive when it is solved.
+    basis : Basis
+        A product of functions of one variable, none of them trimmed.
+    """
+
+    def __init__(
+        self,
+        transitions: Transitions,
+        basis: Basis,
+        n_actions: int,
+        gamma: float,
+        weight: Array,
+        delta: float,
+    ) -> None:
+        self.basis, self.n_actions, self.gamma, self.delta = basis, n_actions, gamma, delta
+        self.transitions, self.weight = transitions, np.maximum(weight, 1e-12)
+        self.action = transitions.action
+        self._kernel = self._products(transitions.state)
+        self._next_kernel = self._products(transitions.next_state)
+        self._next_kernel[transitions.terminated] = 0.0
+
+    def _products(self, states: Array) -> Array:
+        """φ(s)ᵀφ(s_j) of some states and every sample's, shape (n_states, n_samples)."""
+        product = np.ones((len(states), len(self.action)))
+        here, there = self.basis.factors(states), self.basis.factors(self.transitions.state)
+        for left, right in zip(here, there, strict=True):
+            product *= left @ right.T
+        return product
+
+    def _chunks(self, states: Array) -> Iterator[tuple[slice, Array]]:
+        for first in range(0, len(states), CHUNK):
+            rows = slice(first, first + CHUNK)
+            yield rows, self.basis(states[rows])
+
+    def policy(self, weights: Array) -> Actions:
+        """Greedy actions in the next states, shape (n_samples,)."""
+        return self.values(weights).argmax(axis=1)
+
+    def values(self, weights: Array) -> Array:
+        """Q̂ in the next states, zero where nothing follows, shape (n_samples, n_actions)."""
+        q = np.empty((len(self.action), self.n_actions))
+        for rows, phi in self._chunks(self.transitions.next_state):
+            q[rows] = phi @ weights.T
+        q[self.transitions.terminated] = 0.0
+        return q
+
+    def _combine(self, coefficients: Array) -> Array:
+        """Σ_i α_i φ(s_i) of each action, shape (n_actions, n_columns, size)."""
+        n_columns = coefficients.shape[1]
+        weights = np.zeros((self.n_actions, n_columns, self.basis.size))
+        for rows, phi in self._chunks(self.transitions.state):
+            for a in range(self.n_actions):
+                chosen = self.action[rows] == a
+                weights[a] += coefficients[rows][chosen].T @ phi[chosen]
+        return weights
+
+    def evaluate(self, policy: Actions) -> Solve:
+        """Weights of a policy given by its actions in the next states."""
+        matrix = np.where(policy[:, None] == self.action, -self.gamma * self._next_kernel, 0.0)
+        np.add(matrix, self._kernel, out=matrix, where=self.action[:, None] == self.action)
+        matrix[np.diag_indices_from(matrix)] += self.delta / self.weight
+        found = solve_system(matrix, self.transitions.reward)
+        # Along functions that no sample has a part in, δI alone is left of Γ - γΛ.
+        rank = found.rank + self.n_actions * self.basis.size - len(policy)
+        weights = self._combine(found.weights[:, None])[:, 0]
+        return replace(found, weights=weights, rank=rank)
+
+    def scale(self) -> float:
+        """Scale of Γ: tr Γ² / tr Γ, as of `BlockSystem`."""
+        trace = float(self.weight @ np.diag(self._kernel))
+        square = 0.0
+        for a in range(self.n_actions):
+            rows = np.flatnonzero(self.action == a)
+            part = self._kernel[np.ix_(rows, rows)]
+            square += float(self.weight[rows] @ (part * part) @ self.weight[rows])
+        return square / trace if trace > 0.0 else 1.0
+
+    def regress(self, target: Array, ridge: float) -> Array:
+        """Weights that predict targets from φ(s, a), as of `BlockSystem`."""
+        coefficients = np.zeros_like(target)
+        for a in range(self.n_actions):
+            rows = np.flatnonzero(self.action == a)
+            if len(rows):
+                part = self._kernel[np.ix_(rows, rows)] + np.diag(ridge / self.weight[rows])
+                coefficients[rows] = solve_positive(part, target[rows], assume_a="pos")
+        return self._combine(coefficients)
