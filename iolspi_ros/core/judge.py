@@ -68,7 +68,7 @@ class Prediction:
         Returns
         -------
         ndarray of shape (2,)
-            Means of the return from each start, and of that from half the horizon on.
+            Means of the return from each start, and of that from its last third on.
         """
         starts, times = np.unique(starts, axis=0, return_counts=True)
         horizon = max(int(np.log(HORIZON_SHARE) / np.log(gamma)), 1) if gamma > 0.0 else 1
@@ -184,7 +184,7 @@ def _returns(
         state[:] = starts[start]
         early, late = share[start], 0.0
         for step in range(horizon):
-            if 2 * step >= horizon and late == 0.0:
+            if 3 * step >= 2 * horizon and late == 0.0:
                 late = share[start]
             evaluate(table, state, factors, phi)
             chosen, most = 0, -np.inf
