@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
+from iolspi_ros.core.samples import Transitions
 from iolspi_ros.errors import InputError, check_choice, check_range
 
 Array = NDArray[np.float64]
@@ -149,6 +150,24 @@ class Basis(ABC):
         if terminated is not None:
             phi[np.asarray(terminated)] = 0.0
         return phi.reshape(*states.shape[:-1], self.size)
+
+    def along(self, transitions: Transitions) -> tuple[Array, Array]:
+        """φ(s) and φ(s') of transitions that mostly follow each other, each state once.
+
+        Returns
+        -------
+        phi, next_phi : ndarray of shape (n_samples, size)
+            `next_phi` is zero where the task ended.
+        """
+        t = transitions
+        phi = self(t.state)
+        next_phi = np.empty_like(phi)
+        next_phi[:-1] = phi[1:]
+        follows = np.zeros(len(t), bool)
+        follows[:-1] = (t.next_state[:-1] == t.state[1:]).all(axis=1)
+        next_phi[~follows] = self(t.next_state[~follows])
+        next_phi[t.terminated] = 0.0
+        return phi, next_phi
 
     def factors(self, states: Array) -> list[Array]:
         """The functions of each variable apart, of which φ is the product.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,11 +125,12 @@ def add_gram(
     moments: Moments, phi: Array, action: NDArray[np.int64], reward: Array, weight: Array
 ) -> None:
     """Add Σ w φφᵀ to Γ and Σ w φr to z, in place."""
-    for a in np.flatnonzero(np.bincount(action)):
-        rows = np.flatnonzero(action == a)
-        weighted = (phi[rows] * weight[rows, None]).T
-        moments.gram[a] += weighted @ phi[rows]
-        moments.reward[a] += weighted @ reward[rows]
+    order = np.argsort(action, kind="stable")
+    phi, weighted = _sorted(phi, weight, order)
+    reward = reward[order]
+    for a, rows in _groups(action[order]):
+        moments.gram[a] += weighted[rows].T @ phi[rows]
+        moments.reward[a] += weighted[rows].T @ reward[rows]
 
 
 def add_cross(
@@ -140,12 +142,27 @@ def add_cross(
     weight: Array,
 ) -> None:
     """Add Σ w φφ'ᵀ to Λ, in place: the one part that depends on the policy."""
-    n_actions = len(cross)
-    pair = action * n_actions + next_action
-    for ab in np.flatnonzero(np.bincount(pair)):
-        a, b = divmod(int(ab), n_actions)
-        rows = np.flatnonzero(pair == ab)
-        cross[a, :, b, :] += (phi[rows] * weight[rows, None]).T @ next_phi[rows]
+    pair = action * len(cross) + next_action
+    order = np.argsort(pair, kind="stable")
+    _, weighted = _sorted(phi, weight, order)
+    next_phi = next_phi[order]
+    for ab, rows in _groups(pair[order]):
+        a, b = divmod(ab, len(cross))
+        cross[a, :, b, :] += weighted[rows].T @ next_phi[rows]
+
+
+def _sorted(phi: Array, weight: Array, order: NDArray[np.int64]) -> tuple[Array, Array]:
+    """φ in an order, as it is and weighted; one array when no weight differs from 1."""
+    phi, weight = phi[order], weight[order]
+    return phi, phi if (weight == 1.0).all() else phi * weight[:, None]
+
+
+def _groups(key: NDArray[np.int64]) -> Iterator[tuple[int, slice]]:
+    """Where each value of a sorted key stands."""
+    cuts = np.flatnonzero(np.diff(key)) + 1
+    for first, last in pairwise([0, *cuts.tolist(), len(key)]):
+        if last > first:
+            yield int(key[first]), slice(first, last)
 
 
 def merge(fleet: Sequence[Moments]) -> Moments:

@@ -251,8 +251,7 @@ class OnlineLSPI:
         features, s = self.features, self.settings
 
         def compute() -> Outcome:
-            phi = features(batch.state)
-            next_phi = features(batch.next_state, batch.terminated)
+            phi, next_phi = features.along(batch)
             next_action = greedy(weights, next_phi, tie_breaker)
             grown = accumulate(
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
