@@ -17,7 +17,7 @@ from iolspi_ros.bags import read_demonstration
 from iolspi_ros.cli import progress
 from iolspi_ros.resources import find
 
-COMMANDS = ("demo", "learn", "record", "run")
+COMMANDS = ("bench", "demo", "learn", "record", "run")
 
 
 def iolspi(*arguments, cwd=None, deadline=120.0):
@@ -43,6 +43,7 @@ def test_help_and_version():
     ("arguments", "words"),
     [
         (("learn", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
+        (("bench", "tempo"), "subject is 'tempo'; allowed: learner, speed, scale"),
         (("learn", "--demos", "/nowhere"), "bag /nowhere does not exist"),
         (("learn", "--seconds", "0"), "nothing would be learned"),
         (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -84,6 +86,25 @@ def test_the_compiled_loop_flies_step_by_step_the_same(task, algorithm):
             np.testing.assert_array_equal(x, y)
     np.testing.assert_array_equal(*states)
     assert compiled.rng.random() == plain.rng.random()
+
+
+@pytest.mark.parametrize("algorithm", ["literal", "refreshed"])
+def test_a_step_allocates_nothing_that_stays(algorithm):
+    core = learner(algorithm=algorithm, update_interval=5000)
+    transition = Transition(np.array([1.0, 2.0]), 1, -1.0, np.array([1.1, 2.0]))
+    for _ in range(50):
+        core.act(transition.state)
+        core.observe(transition)
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    tracemalloc.reset_peak()
+    for _ in range(1000):
+        core.act(transition.state)
+        core.observe(transition)
+    after, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert after - before < 1000  # less than a byte a step
+    assert peak - before < 4000  # numbers in passing, no arrays of features
 
 
 def test_exploration_decays_as_in_eq_14():
