@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from iolspi_ros.bench.learner import DEADLINE, SOURCES, Curve
-from iolspi_ros.bench.scale import T_SECONDS, Grown, exponent
+from iolspi_ros.bench.scale import T_SECONDS, Grown, exponent, series
 from iolspi_ros.report.plots import ACCENT, FAINT, INK, REFERENCE
 
 _COLOURS = {"literal": FAINT, "refreshed": ACCENT}
@@ -40,18 +40,20 @@ def learning(still: Sequence[Curve], jump: Sequence[Curve], folder: Path) -> Non
     figure.savefig(folder / "learning.png", dpi=110)
 
 
-def scaling(found: Sequence[Grown], folder: Path) -> None:
-    """Time against the number of functions: scaling.png."""
-    figure = Figure(figsize=(6.0, 4.0), layout="constrained")
-    axes = figure.add_subplot()
-    axes.loglog(*zip(*T_SECONDS.items(), strict=True), "s--", color=INK, label="T Table 3, Matlab")
-    for algorithm, colour in _COLOURS.items():
-        chosen = [g for g in found if g.algorithm == algorithm]
-        x, y = [float(g.functions) for g in chosen], [g.seconds for g in chosen]
-        label = f"{algorithm}: functions to the {exponent(x, y):.2f}"
-        axes.loglog(x, y, "o-", color=colour, label=label)
-    axes.set_xlabel("functions of state and action")
-    axes.set_ylabel("time of 1,000 episodes [s]")
-    axes.legend(frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
+def scaling(found: list[Grown], folder: Path) -> None:
+    """Time against the numbers of functions and of samples: scaling.png."""
+    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
+    panels = figure.subplots(1, 2)
+    panels[0].loglog(*zip(*T_SECONDS.items(), strict=True), "s--", color=INK, label="T Table 3")
+    for axes, over in zip(panels, ("functions", "samples"), strict=True):
+        for algorithm, colour in _COLOURS.items():
+            x, y = series(found, algorithm, over)
+            label = f"{algorithm}: {over} to the {exponent(x, y):.2f}"
+            axes.loglog(x, y, "o-", color=colour, label=label)
+        axes.set_xlabel(over)
+        axes.legend(frameon=False)
+        axes.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("time [s]")
+    panels[0].set_title("1,000 episodes", loc="left", fontsize=10)
+    panels[1].set_title("324 functions", loc="left", fontsize=10)
     figure.savefig(folder / "scaling.png", dpi=110)

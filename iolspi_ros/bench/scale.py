@@ -15,10 +15,13 @@ from threadpoolctl import threadpool_limits
 from iolspi_ros.bench.learner import STILL, best_return, samples
 from iolspi_ros.bench.machine import fastest
 from iolspi_ros.bench.rows import Row, at_most
+from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi import BlockSystem
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.refresh import refresh
+from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.evaluate import evaluate, policy_of
 from iolspi_ros.experiments.headless import Listener, train
 from sim_nodes.tasks import make_task
@@ -35,19 +38,23 @@ GRIDS = ((9, 1, 1, 1), (9, 1, 9, 1), (9, 9, 9, 1), (9, 9, 9, 9))
 """T Table 3; times four actions."""
 T_SECONDS = {36: 10.2, 324: 18.5, 2916: 349.5}
 """T Table 3, Matlab R2015a in 2016."""
-CASES = tuple(("literal", grid) for grid in GRIDS[:3]) + tuple(
-    ("refreshed", grid) for grid in GRIDS
+ALGORITHMS = ("literal", "refreshed")
+CASES = (
+    *(("literal", grid, EPISODES) for grid in GRIDS[:3]),
+    *(("refreshed", grid, EPISODES) for grid in GRIDS),
+    *((name, GRIDS[1], count) for name in ALGORITHMS for count in (2000, 4000, 8000)),
 )
 RUNS = len(CASES)
 
 
 @dataclass(frozen=True)
 class Grown:
-    """One run of 1,000 episodes.
+    """One run.
 
     Attributes
     ----------
     algorithm : str
+    episodes : int
     functions : int
         n_actions times the functions of a state.
     samples : int
@@ -60,6 +67,7 @@ class Grown:
     """
 
     algorithm: str
+    episodes: int
     functions: int
     samples: int
     seconds: float
@@ -99,7 +107,7 @@ def run(algorithm: str, grid: tuple[int, ...], episodes: int = EPISODES) -> Grow
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     crashes = (ends == Outcome.WALL) | (ends == Outcome.CABLE)
     return Grown(
-        algorithm, len(task.actions) * core.features.size, core.step, seconds, memory,
+        algorithm, episodes, len(task.actions) * core.features.size, core.step, seconds, memory,
         float((ends == Outcome.DUNK).mean()), float(crashes.mean()),
     )  # fmt: skip
 
@@ -119,9 +127,9 @@ def _ends(task: Task, core: OnlineLSPI) -> np.ndarray[tuple[int], np.dtype[np.in
 def measure(show: Callable[[int], None]) -> list[Grown]:
     """Every case, each in a process of its own so that its memory is its own."""
     found = []
-    for number, (algorithm, grid) in enumerate(CASES, 1):
+    for number, case in enumerate(CASES, 1):
         with get_context("spawn").Pool(1) as pool:
-            found.append(pool.apply(run, (algorithm, grid)))
+            found.append(pool.apply(run, case))
         show(number)
     return found
 
@@ -135,6 +143,8 @@ def rows(found: list[Grown]) -> list[Row]:
     """Times, memory and dunks, with goals where there are."""
     table = []
     for grown in found:
+        if grown.episodes != EPISODES:
+            continue
         name = f"slung load, {grown.functions} functions, {grown.algorithm}"
         limit = {("literal", 2916): 25.0, ("refreshed", 26244): 349.5}
         goal = limit.get((grown.algorithm, grown.functions))
@@ -146,11 +156,43 @@ def rows(found: list[Grown]) -> list[Row]:
             Row(f"{name}: greedy dunks", grown.dunks, "share"),
             Row(f"{name}: greedy crashes", grown.crashes, "share"),
         ]
-    for algorithm in ("literal", "refreshed"):
-        chosen = [g for g in found if g.algorithm == algorithm]
-        power = exponent([g.functions for g in chosen], [g.seconds for g in chosen])
-        table.append(Row(f"slung load, {algorithm}: time grows with functions to the", power, ""))
-    return table + _trimming()
+    for algorithm in ALGORITHMS:
+        for over in ("functions", "samples"):
+            power = exponent(*series(found, algorithm, over))
+            table.append(Row(f"slung load, {algorithm}: time grows with {over} to the", power, ""))
+    return table + _exactness() + _trimming()
+
+
+def series(found: list[Grown], algorithm: str, over: str) -> tuple[list[float], list[float]]:
+    """Numbers of functions or of samples, and the times they took."""
+    middle = 4 * int(np.prod(GRIDS[1]))
+    chosen = [
+        g
+        for g in found
+        if g.algorithm == algorithm
+        and (g.episodes == EPISODES if over == "functions" else g.functions == middle)
+    ]
+    return [float(getattr(g, over)) for g in chosen], [g.seconds for g in chosen]
+
+
+def _exactness() -> list[Row]:
+    """One unknown for each sample against one for each function, where both fit."""
+    chosen, rng = settings("refreshed", GRIDS[2]), np.random.default_rng(6)
+    basis, n = chosen.features(), 1500
+    state = rng.uniform(chosen.low, chosen.high, (n, 4))
+    action = rng.integers(4, size=n)
+    following, reward, ended = TASK.step(state, action)
+    rows = Transitions(state, action, reward, following, ended, ~ended)
+    weight, policy = rng.uniform(0.1, 1.0, n), rng.integers(4, size=n)
+    dense, dual = (
+        kind(rows, basis, 4, chosen.gamma, weight, 1e-3).evaluate(policy).weights
+        for kind in (BlockSystem, DualSystem)
+    )
+    difference = float(np.abs(dual - dense).max() / np.abs(dense).max())
+    return [
+        at_most("slung load, 2916 functions: weights by samples and by functions differ",
+                difference, "relative", 1e-6),
+    ]  # fmt: skip
 
 
 def _trimming() -> list[Row]:
