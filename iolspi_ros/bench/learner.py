@@ -107,7 +107,7 @@ def fly(source: str, settings: LearnerSettings, seed: int, task: Task, seconds: 
     def look(time: float) -> None:
         flown = evaluate(task, policy_of(core.weights, core.features), time)
         ends = np.abs(flown.states[-round(UPRIGHT_TIME / task.dt) :, :, 0]) <= UPRIGHT_ANGLE
-        ratio = flown.discounted_return / best_return(task is JUMP, time)
+        ratio = flown.discounted_return / best_return(task == JUMP, time)
         found.append((time, ratio, float(ends.mean()), flown.success_fraction))
 
     taught = samples(source, seed)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,12 +104,18 @@ def run(algorithm: str, grid: tuple[int, ...], episodes: int = EPISODES) -> Grow
             learn(2)  # compiles
         core, seconds = learn(episodes)
         ends = _ends(task, core)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     crashes = (ends == Outcome.WALL) | (ends == Outcome.CABLE)
     return Grown(
-        algorithm, episodes, len(task.actions) * core.features.size, core.step, seconds, memory,
+        algorithm, episodes, len(task.actions) * core.features.size, core.step, seconds,
+        _peak_memory(),
         float((ends == Outcome.DUNK).mean()), float(crashes.mean()),
     )  # fmt: skip
+
+
+def _peak_memory() -> int:
+    """Largest memory of this process [bytes]; getrusage would count the parent's, too."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(status.split("VmHWM:")[1].split()[0]) * 1024
 
 
 def _ends(task: Task, core: OnlineLSPI) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
