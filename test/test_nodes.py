@@ -357,7 +357,8 @@ def test_a_stick_makes_samples_of_a_person(nodes, peer, tmp_path):
 def test_a_killed_demonstrator_leaves_what_it_recorded(nodes, peer, tmp_path):
     peer.listen("sample", Float64MultiArray, qos.SAMPLES)
     nodes.start("simulator")
-    nodes.start("demonstrator", "-p", "source:=scripted", "-p", f"record:={tmp_path / 'bag'}")
+    flown = ("-p", "source:=scripted", "-p", "episodes:=500")  # longer than any discovery
+    nodes.start("demonstrator", *flown, "-p", f"record:={tmp_path / 'bag'}")
     peer.until(lambda: len(peer.heard["sample"]) >= 500)
     nodes.end("demonstrator", signal.SIGKILL)
     found = bags.read_demonstration(tmp_path / "bag", "pendulum", ("shaft",))
@@ -368,7 +369,8 @@ def test_a_killed_demonstrator_leaves_what_it_recorded(nodes, peer, tmp_path):
 def test_a_stopped_demonstrator_closes_its_bag(nodes, peer, tmp_path):
     peer.listen("sample", Float64MultiArray, qos.SAMPLES)
     nodes.start("simulator")
-    nodes.start("demonstrator", "-p", "source:=scripted", "-p", f"record:={tmp_path / 'bag'}")
+    flown = ("-p", "source:=scripted", "-p", "episodes:=500")  # longer than any discovery
+    nodes.start("demonstrator", *flown, "-p", f"record:={tmp_path / 'bag'}")
     peer.until(lambda: len(peer.heard["sample"]) >= 100)
     status, took = nodes.end("demonstrator", signal.SIGTERM)
     assert status == 0
