@@ -42,7 +42,7 @@ def demo(
     from sim_nodes.tasks import make_task
 
     config = resources.find("config", f"{_known(task)}.yaml")
-    mode_and_corruption(task, demonstration)
+    mode_and_corruption(demonstration)
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     count = episodes_to_fly(vehicle, seconds, episodes, 1)

@@ -151,9 +151,7 @@ def positions(task: Task, episodes: Sequence[Array], title: str) -> Figure:
 
 def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
     """Ways in the task's plane, one for each episode, among the things that stand there."""
-    figure = Figure(figsize=(8.0, 3.4), layout="constrained")
-    axes = figure.add_subplot()
-    _label(axes, title, "x [m]", "z [m], upwards")
+    axes = _axes(title, "x [m]", "z [m], upwards", (8.0, 2.8))
     for shape in pictures.picture(task, np.zeros(len(task.low))):
         if shape.kind == pictures.BOX and shape.name != "quadrotor":
             (x, _, z), (wide, _, high) = shape.points[0], shape.size
@@ -170,9 +168,10 @@ def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
         axes.plot(*way.T, color=_ENDING_COLOURS[end], alpha=0.35, lw=1.0, label=label)
         axes.plot(*way[0], ".", color=INK, ms=2)
     axes.set_aspect("equal")
+    axes.set_xlim(task.low[0] - 0.3, task.high[0] + 0.3)
     axes.set_ylim(-2.0, 0.6)
-    axes.legend(frameon=False, loc="lower left", fontsize=8)
-    return figure
+    axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.4, 1.0), ncols=5, fontsize=8)
+    return _figure(axes)
 
 
 def ending_shares(task: Task, ends: NDArray[np.int64], window: int) -> Figure:
