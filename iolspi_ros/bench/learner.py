@@ -25,7 +25,6 @@ from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
-SEEDS = 20
 SECONDS = 600.0
 SOURCES = ("set 1", "set 2", "set 3", "set 4", "set 5", "random", "nothing")
 DEADLINE = dict.fromkeys(SOURCES, 20.0) | {"nothing": 40.0}
@@ -155,7 +154,7 @@ def total(seeds: int) -> int:
 
 
 def rows(still: list[Curve], jump: list[Curve]) -> list[Row]:
-    """Figures of issue and goals, refreshed ones with goals and literal ones beside."""
+    """The figures: refreshed ones with their goals, literal ones beside."""
     found = []
     for source in SOURCES:
         for algorithm in ("refreshed", "literal"):

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import Iteration, Solve, always, greedy, offline_lspi, solve
+from iolspi_ros.core.lspi import Iteration, always, greedy, offline_lspi
 from iolspi_ros.core.moments import Moments, accumulate
 from iolspi_ros.core.refresh import Judgement, refresh
 from iolspi_ros.core.samples import Batch, Transition, Transitions
+from iolspi_ros.core.solve import Solve, solve
 from iolspi_ros.errors import InputError
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, wire
-from iolspi_ros.core.lspi import STATUSES
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation
+from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.nodes import runtime
 
 
