@@ -16,7 +16,11 @@ Array = NDArray[np.float64]
 
 
 def fly(
-    world: World, learner: OnlineLSPI, episodes: int, on_update: Callable[[Update], None]
+    world: World,
+    learner: OnlineLSPI,
+    episodes: int,
+    on_update: Callable[[Update], None],
+    on_episode: Callable[[float], None],
 ) -> None:
     """Act and learn for some episodes in a world without noise.
 
@@ -27,21 +31,24 @@ def fly(
     world : World
     learner : OnlineLSPI
     episodes : int
-    on_update : callable
+    on_update, on_episode : callable
+        As in `headless.Listener`.
     """
     flight = _Flight(world, learner)
     for episode in range(episodes):
         flight.state[:] = world.begin(episode).state
-        left, action = world.task.episode_steps, -1
+        left, action, score = world.task.episode_steps, -1, 0.0
         while True:
             steps, ended, tied = flight.stretch(left, action)
             left -= steps
+            score += flight.score
             over = ended or left == 0
             if over:
                 learner.batch.end(ended)
             if len(learner.batch) >= learner.settings.update_interval:
                 on_update(learner.update())
             if over:
+                on_episode(score)
                 break
             action = learner.choose(flight.q.tolist()) if tied else -1
 
@@ -56,6 +63,7 @@ class _Flight:
         self.q = np.empty(learner.settings.n_actions)
         self.factors = np.empty(int(table.counts.sum()))
         self.phi = np.empty(learner.features.size)
+        self.score = 0.0  # sum of rewards of the latest stretch
 
     def stretch(self, left: int, action: int) -> tuple[int, bool, bool]:
         """Fly until the batch or the episode is full, the task ends, or Q̂ leaves a choice.
@@ -86,6 +94,7 @@ class _Flight:
             rows.next_state, self.factors, self.phi, self.q, self.following,
         )  # fmt: skip
         learner.batch.written(steps)
+        self.score = float(rows.reward[:steps].sum())
         learner.step += steps
         world.flown(self.state.copy(), steps)
         return steps, terminated, tied
