@@ -74,7 +74,7 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
     episodes : int
     listener : Listener
     """
-    if listener.on_observation is None and not world.noisy:
+    if listener.on_observation is None:
         fly(world, learner, episodes, listener.on_update, listener.on_episode)
         return
     for episode in range(episodes):
