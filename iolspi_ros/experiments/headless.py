@@ -74,15 +74,15 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
     episodes : int
     listener : Listener
     """
-    if listener.on_observation is None:
+    look = listener.on_observation
+    if look is None:
         fly(world, learner, episodes, listener.on_update, listener.on_episode)
         return
     for episode in range(episodes):
         seen, score = world.begin(episode), 0.0
         while not seen.last:
             action, source = learner.act(seen.state)
-            if listener.on_observation:
-                listener.on_observation(seen, action, source)
+            look(seen, action, source)
             following = world.move(episode, action)
             transition = Transition(
                 seen.state,
@@ -97,8 +97,7 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
             seen = following
             score += seen.reward
         listener.on_episode(score)
-        if listener.on_observation:
-            listener.on_observation(seen, -1, Source.HOLD)
+        look(seen, -1, Source.HOLD)
 
 
 def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None]) -> Listener:
