@@ -27,7 +27,7 @@ LITERAL = LearnerSettings(algorithm="literal", periodic=(False,))
 REFRESHED = LearnerSettings()
 HANGING: Any = Pendulum()  # a Task, and a dataclass
 
-_QUICK = 5
+_QUICK = 8
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Learning:
         return sorted(path.glob("*.mcap")) if path else []
 
     def quick(self) -> Learning:
-        """A fifth of the time, and g changing in a fifth of its time."""
+        """An eighth of the time, and g changing in an eighth of its time."""
         task = replace(
             self.task,
             g_change_start=self.task.g_change_start / _QUICK,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.experiments.engine import Cell, Data
 from iolspi_ros.experiments.learning import Learning, best, learn
-from iolspi_ros.experiments.statistics import Interval, difference, interval, intervals
+from iolspi_ros.experiments.statistics import intervals
 from iolspi_ros.experiments.thesis.study import Rows
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ SECONDS = 600.0
 NEAR_OPTIMAL = "near-optimal"
 REFRESHED_SEEDS = 5
 _EPISODES_AVERAGED = 4
-_LITERAL_COST, _REFRESHED_COST = 0.9, 22.0  # s
+_LITERAL_COST, _REFRESHED_COST, _YARDSTICK_COST = 0.7, 22.0, 3.0  # s
 
 
 def refreshed(label: str) -> str:
@@ -33,7 +33,7 @@ def cells(
     settings: Mapping[str, Learning],
     also_refreshed: Iterable[str] = (),
     seeds: int = 50,
-    yardstick: bool = True,
+    yardsticks: tuple[str, ...] = (),
 ) -> tuple[Cell, ...]:
     """Cells of one figure.
 
@@ -45,8 +45,9 @@ def cells(
         Labels that the refreshed learner learns too.
     seeds : int
         Of the literal ones.
-    yardstick : bool
-        Whether the near-optimal policy of the first one's task stands beside.
+    yardsticks : tuple of str
+        Labels whose tasks' near-optimal policies stand beside; by default the first one's, for
+        all.
     """
     found = [Cell(label, learn, s, seeds, _cost(s)) for label, s in settings.items()]
     for label in also_refreshed:
@@ -56,17 +57,17 @@ def cells(
         found.append(
             Cell(refreshed(label), learn, replace(setting, learner=learner), REFRESHED_SEEDS, cost)
         )
-    if yardstick:
-        first = next(iter(settings.values()))
-        same = Learning(task=first.task, seconds=first.seconds, looks=first.looks)
-        found.append(Cell(NEAR_OPTIMAL, best, same, seeds=1, cost=3.0))
+    for label in yardsticks or (next(iter(settings)),):
+        setting = settings[label]
+        same = Learning(task=setting.task, seconds=setting.seconds, looks=setting.looks)
+        name = f"{NEAR_OPTIMAL}, {label}" if yardsticks else NEAR_OPTIMAL
+        found.append(Cell(name, best, same, seeds=1, cost=_YARDSTICK_COST))
     return tuple(found)
 
 
 def _cost(setting: Learning) -> float:
     solves = setting.seconds / 0.005 / setting.learner.update_interval
-    noisy = setting.world.action_noise or any(setting.world.sensor_noise)
-    return (1.5 if noisy else 0.0) + (_LITERAL_COST * setting.seconds / SECONDS) + solves * 1.6e-3
+    return _LITERAL_COST * setting.seconds / SECONDS + solves * 1.6e-3
 
 
 def returns(data: Data) -> Rows:
@@ -86,6 +87,12 @@ def _binned(cell: Mapping[str, NDArray[Any]]) -> tuple[Array, Array]:
     count = score.shape[1] // _EPISODES_AVERAGED
     whole = score[:, : count * _EPISODES_AVERAGED].reshape(len(score), count, -1).mean(axis=2)
     return (np.arange(count) + 0.5) / count * time[-1], whole
+
+
+def only(labels: Iterable[str], tabulate: Callable[[Data], Rows]) -> Callable[[Data], Rows]:
+    """Rows of some cells; the others are there for claims."""
+    chosen = set(labels)
+    return lambda data: tabulate({k: cell for k, cell in data.items() if k in chosen})
 
 
 def _rows(data: Data, take: Callable[[Mapping[str, NDArray[Any]]], tuple[Array, Array]]) -> Rows:
@@ -114,13 +121,3 @@ def over(data: Data, label: str, what: str, begin: float, end: float) -> Array:
     time = cell["time"][0] if n == cell["time"].shape[1] else (np.arange(n) + 0.5) / n * last
     chosen = (time >= begin * last / SECONDS) & (time <= end * last / SECONDS)
     return np.asarray(values[:, chosen].mean(axis=1))
-
-
-def gain(data: Data, first: str, second: str, what: str, begin: float, end: float) -> Interval:
-    """How much higher the first curve is than the second from one time to another, by seed."""
-    return difference(over(data, first, what, begin, end), over(data, second, what, begin, end))
-
-
-def level(data: Data, label: str, what: str, begin: float, end: float) -> Interval:
-    """Mean of a curve from one time to another."""
-    return interval(over(data, label, what, begin, end))
