@@ -12,10 +12,6 @@ import typer
 from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import bar, console
 
-SETS = {1: ("perform", 0.0), 2: ("explore", 0.0), 3: ("perform", 0.5), 4: ("perform", 0.33),
-        5: ("explore", 0.33)}  # fmt: skip
-"""T Table 1: mode and corruption of each demonstration set."""
-
 
 @app.command(epilog="Example: iolspi record --mode explore --corruption 0.33 --out my_set")
 def record(
@@ -32,14 +28,15 @@ def record(
     """Record 21 episodes, one from each start, flown by the scripted pilot on a ROS 2 graph."""
     from iolspi_ros import bags, graph, resources
     from iolspi_ros.errors import InputError
+    from iolspi_ros.experiments.samplesets import MODES
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import task_class
 
     vehicle = task_class(task)()
     if demonstration is not None:
-        if demonstration not in SETS:
+        if demonstration not in MODES:
             raise InputError(f"--set is {demonstration}; allowed: 1 to 5")
-        mode, corruption = SETS[demonstration]
+        mode, corruption = MODES[demonstration]
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
     config = resources.find("config", f"{task}.yaml")
