@@ -53,12 +53,13 @@ class Listener:
     on_update : callable
         With each policy update.
     on_episode : callable
-        With each episode's sum of rewards (T: learning score).
+        With each episode's sum of rewards (T: learning score), its last reward, and whether the
+        task ended there.
     """
 
     on_observation: Callable[[Observation, int, Source], None] | None = None
     on_update: Callable[[Update], None] = lambda update: None
-    on_episode: Callable[[float], None] = lambda score: None
+    on_episode: Callable[[float, float, bool], None] = lambda score, reward, terminated: None
 
 
 def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) -> None:
@@ -96,7 +97,7 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
                 listener.on_update(learner.update())
             seen = following
             score += seen.reward
-        listener.on_episode(score)
+        listener.on_episode(score, seen.reward, seen.terminated)
         look(seen, -1, Source.HOLD)
 
 
