@@ -94,7 +94,7 @@ def test_a_full_disk_keeps_what_was_computed(tmp_path):
     full = store.path(CELL, 4)
     full.parent.mkdir()
     full.with_name(f".4.npz.{os.getpid()}.part").symlink_to("/dev/full")
-    with pytest.raises(InputError, match="No space left on device.*is kept"):
+    with pytest.raises(InputError, match=r"No space left on device.*is kept"):
         compute(store)
     assert not full.exists()
     assert compute(store) == [4, 5]

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 SECONDS = 600.0
 """Length of T's runs; times below are of such a run, and are scaled for a shorter one [s]."""
 NEAR_OPTIMAL = "near-optimal"
-REFRESHED_SEEDS = 5
+REFRESHED_SEEDS = 3
 _EPISODES_AVERAGED = 4
 _LITERAL_COST, _REFRESHED_COST, _YARDSTICK_COST = 0.7, 22.0, 3.0  # s
 
