@@ -68,8 +68,7 @@ def reproduce(
     claims = []
     for study in studies:
         claims += page.save(study, engine.gather(study.cells, store), folder)
-    if claims:
-        write_rows(folder / page.CLAIMS, claims)
+    write_rows(folder / page.CLAIMS, claims, page.CLAIM_COLUMNS)
     written = page.write(studies, folder)
     for row in claims:
         console.print(f"{row['study']}: {row['claim']}: [bold]{row['verdict']}[/bold]")

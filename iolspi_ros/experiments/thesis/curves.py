@@ -75,6 +75,12 @@ def returns(data: Data) -> Rows:
     return _rows(data, lambda cell: (cell["time"][0], cell["discounted"]))
 
 
+def uprights(data: Data) -> Rows:
+    """Share of the last 0.5 s upright of the policy in use over vehicle time; T has no such."""
+    there = {name: cell for name, cell in data.items() if "upright" in cell}
+    return _rows(there, lambda cell: (cell["time"][0], cell["upright"]))
+
+
 def scores(data: Data) -> Rows:
     """Learning score over vehicle time, in means of four episodes."""
     return _rows(data, _binned)
