@@ -92,7 +92,7 @@ def measure(seeds: int, show: Callable[[int], None]) -> Mapping[tuple[str, str],
 
 
 def rows(found: Mapping[tuple[str, str], Curves]) -> list[Row]:
-    """Figures of issue and goals, refreshed ones with goals and literal ones beside."""
+    """The figures, refreshed ones with goals and literal ones beside."""
     rows = []
     for source in SOURCES:
         for algorithm in ALGORITHMS:
