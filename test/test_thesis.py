@@ -1,9 +1,11 @@
 import csv
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from iolspi_ros.experiments.samplesets import (
 )  # fmt: skip
 from iolspi_ros.experiments.spread import Spread, spread
 from iolspi_ros.experiments.statistics import Interval
-from iolspi_ros.experiments.thesis import catalogue, chapter9, claims, compare, curves
+from iolspi_ros.experiments.thesis import catalogue, chapter9, claims, compare, curves, page
 from iolspi_ros.experiments.thesis.claims import Verdict
 from iolspi_ros.experiments.thesis.study import read_rows, write_rows
 from sim_nodes.world import World, WorldSettings
@@ -270,3 +272,35 @@ def test_an_interrupted_command_goes_on_where_it_stopped(tmp_path):
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
     claims = (tmp_path / "thesis" / "claims.csv").read_text(encoding="utf-8")
     assert claims.count("reproduced") >= 2
+
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def test_the_page_in_docs_is_made_from_the_rows_beside_it(tmp_path):
+    """Figures too; of those, the cheapest of each kind."""
+    folder = tmp_path / "thesis"
+    shutil.copytree(DOCS / "thesis", folder, ignore=shutil.ignore_patterns("*.png"))
+    known = catalogue.studies()
+    written = page.write(list(known.values()), folder).read_text(encoding="utf-8")
+    committed = (DOCS / "thesis.md").read_text(encoding="utf-8")
+
+    def without_versions(text):
+        return [line.split("Computed with")[0] for line in text.splitlines()]
+
+    assert without_versions(written) == without_versions(committed)
+    for name in ("fig10", "fig6", "fig16"):
+        page.draw(known[name], folder)
+        assert (folder / f"{name}.png").stat().st_size > 5_000
+    for name, study in known.items():
+        assert (DOCS / "thesis" / f"{name}.csv").is_file()
+        assert (study.draw is None) or (DOCS / "thesis" / f"{name}.png").is_file()
+
+
+def test_at_least_thirty_claims_of_the_thesis_are_decided():
+    rows = read_rows(DOCS / "thesis" / page.CLAIMS)
+    said = [row for row in rows if row["where"] != claims.OURS]
+    assert len(said) >= 30
+    assert {row["verdict"] for row in rows} <= {verdict.value for verdict in Verdict}
+    for row in said:
+        assert row["verdict"] == "reproduced" or row["why"], row["claim"]
