@@ -1,7 +1,11 @@
 import csv
+import shutil
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +27,7 @@ from iolspi_ros.experiments.samplesets import (
 )  # fmt: skip
 from iolspi_ros.experiments.spread import Spread, spread
 from iolspi_ros.experiments.statistics import Interval
-from iolspi_ros.experiments.thesis import catalogue, chapter9, claims, compare, curves
+from iolspi_ros.experiments.thesis import catalogue, chapter9, claims, compare, curves, page
 from iolspi_ros.experiments.thesis.claims import Verdict
 from iolspi_ros.experiments.thesis.study import read_rows, write_rows
 from sim_nodes.world import World, WorldSettings
@@ -122,7 +126,8 @@ def test_table_9_1_to_its_digits():
     by_equation = [float(row["equation_9_13_leaving_1_percent"]) for row in rows]
     assert by_equation == pytest.approx([0.01 ** (1 / row["samples"]) for row in rows], abs=5e-7)
     study = catalogue.studies()["table9-1"]
-    assert claims.verdict(study.claims[0].decide({})) is Verdict.PARTLY
+    verdicts = [claims.verdict(claim.decide({})) for claim in study.claims]
+    assert verdicts == [Verdict.REPRODUCED, Verdict.NOT]
 
 
 @pytest.mark.parametrize(
@@ -240,3 +245,62 @@ def test_one_figure_end_to_end(tmp_path):
     again = run("fig3", "--quick", "--realisations", 3, "--out", tmp_path)
     assert "realisations took" in done.stdout
     assert "realisations took" not in again.stdout
+
+
+def test_an_interrupted_command_goes_on_where_it_stopped(tmp_path):
+    data = tmp_path / "data"
+    command = [sys.executable, "-m", "iolspi_ros", "reproduce", "table1", "--processes", "1",
+               "--realisations", "6", "--out", str(tmp_path)]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        end = time.monotonic() + 60.0
+        while len(list(data.rglob("*.npz"))) < 3:
+            assert time.monotonic() < end, "nothing was computed"
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        said, complaint = process.communicate(timeout=60.0)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "what was computed is kept" in said
+    assert "Traceback" not in complaint
+    kept = {path: path.stat().st_mtime_ns for path in data.rglob("*.npz")}
+    assert 3 <= len(kept) < 42
+    done = run(*command[4:])
+    assert f"{42 - len(kept)} realisations took" in done.stdout
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
+    claims = (tmp_path / "thesis" / "claims.csv").read_text(encoding="utf-8")
+    assert claims.count("reproduced") >= 2
+
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def test_the_page_in_docs_is_made_from_the_rows_beside_it(tmp_path):
+    """Figures too; of those, the cheapest of each kind."""
+    folder = tmp_path / "thesis"
+    shutil.copytree(DOCS / "thesis", folder, ignore=shutil.ignore_patterns("*.png"))
+    known = catalogue.studies()
+    written = page.write(list(known.values()), folder).read_text(encoding="utf-8")
+    committed = (DOCS / "thesis.md").read_text(encoding="utf-8")
+
+    def without_versions(text):
+        return [line.split("Computed with")[0] for line in text.splitlines()]
+
+    assert without_versions(written) == without_versions(committed)
+    for name in ("fig10", "fig6", "fig16"):
+        page.draw(known[name], folder)
+        assert (folder / f"{name}.png").stat().st_size > 5_000
+    for name, study in known.items():
+        assert (DOCS / "thesis" / f"{name}.csv").is_file()
+        assert (study.draw is None) or (DOCS / "thesis" / f"{name}.png").is_file()
+
+
+def test_at_least_thirty_claims_of_the_thesis_are_decided():
+    rows = read_rows(DOCS / "thesis" / page.CLAIMS)
+    said = [row for row in rows if row["where"] != claims.OURS]
+    assert len(said) >= 30
+    assert {row["verdict"] for row in rows} <= {verdict.value for verdict in Verdict}
+    for row in said:
+        assert row["verdict"] == "reproduced" or row["why"], row["claim"]
