@@ -27,6 +27,9 @@ class WorldSettings(Settings):
     action_noise: float = setting(
         0.0, "standard deviation of the noise on the action, in its unit (T Eq. 10-1)", low=0.0
     )
+    uniform_noise: float = setting(
+        0.0, "half-width of uniform noise on the action, in its unit; T 8-1 takes 10.0", low=0.0
+    )
     sensor_noise: tuple[float, ...] = setting(
         (0.0,),
         "standard deviations of the measured state (T Eq. 10-2); one for all, or each",
@@ -79,6 +82,8 @@ class World:
         noise = 0.0
         if self.settings.action_noise:
             noise = self.settings.action_noise * self.rng.standard_normal()
+        if self.settings.uniform_noise:
+            noise += self.settings.uniform_noise * self.rng.uniform(-1.0, 1.0)
         self._state, reward, terminated = self.task.step(
             self._state, action, self.vehicle_time, noise
         )
@@ -91,7 +96,8 @@ class World:
     @property
     def noisy(self) -> bool:
         """Whether there is noise between the vehicle and its controller."""
-        return bool(self.settings.action_noise or self._sensor.any())
+        s = self.settings
+        return bool(s.action_noise or s.uniform_noise or self._sensor.any())
 
     def flown(self, state: Array, steps: int) -> None:
         """Take over a stretch that was computed elsewhere, and where it led."""
