@@ -47,7 +47,7 @@ def test_the_functions_are_those_of_eq_8_2():
     expected = [1.0]
     for alpha in (-np.pi / 4, 0.0, np.pi / 4):
         for rate in (-1.0, 0.0, 1.0):
-            expected.append(np.exp(-((0.3 - alpha) ** 2 + (-1.4 - rate) ** 2) / 2))
+            expected += [np.exp(-((0.3 - alpha) ** 2 + (-1.4 - rate) ** 2) / 2)]
     np.testing.assert_allclose(balance.basis()(state), expected, rtol=1e-14)
 
 
@@ -119,10 +119,9 @@ def test_a_policy_that_is_bad_falls_soon():
 
 def test_a_world_pushes_with_uniform_noise():
     world = World(TASK, WorldSettings(uniform_noise=10.0), np.random.default_rng(0))
-    assert world.noisy
     rates = []
     for _ in range(500):
-        world._state = np.zeros(2)
+        world.state = np.zeros(2)
         rates.append(world.move(0, TASK.neutral).state[1])
     bound, _, _ = TASK.step(np.zeros(2), TASK.neutral, 0.0, -10.0)
     assert np.abs(rates).max() <= bound[1]

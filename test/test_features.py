@@ -158,7 +158,7 @@ def test_unnormalised_functions_and_a_constant():
     expected = [1.0]
     for x in (-1.0, 1.0):
         for y in (-2.0, 0.0, 2.0):
-            expected.append(math.exp(-((0.4 - x) ** 2 + (-0.9 - y) ** 2) / (2 * 0.7**2)))
+            expected += [math.exp(-((0.4 - x) ** 2 + (-0.9 - y) ** 2) / (2 * 0.7**2))]
     np.testing.assert_allclose(grid(state), expected, rtol=1e-14)
     assert grid.size == 7
     trimmed = grid.trim(np.array([(-1.5, -3.0), (-1.5, 3.0), (0.5, 3.0), (0.5, -3.0)]))

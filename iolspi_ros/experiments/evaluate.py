@@ -30,12 +30,15 @@ class Evaluation:
     actions : ndarray of int, shape (n_steps, n)
     discounted : ndarray of shape (n,)
         Discounted return of each (T Eq. 4).
+    score : ndarray of shape (n,)
+        Sum of the rewards of each, not discounted.
     succeeded : ndarray of bool, shape (n,)
     """
 
     states: Array
     actions: NDArray[np.int64]
     discounted: Array
+    score: Array
     succeeded: NDArray[np.bool_]
 
     @property
@@ -83,9 +86,9 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
         discount *= task.gamma
         states.append(state)
         actions.append(action)
-    history = np.stack(states)
-    succeeded = task.succeeded(history, np.stack(rewards))
-    return Evaluation(history, np.stack(actions), total, succeeded)
+    history, gained = np.stack(states), np.stack(rewards)
+    succeeded = task.succeeded(history, gained)
+    return Evaluation(history, np.stack(actions), total, gained.sum(axis=0), succeeded)
 
 
 def near_optimal_policy(
