@@ -90,7 +90,7 @@ class Learned:
 
 
 def fly(task: FiniteTask, start: int, actions: Sequence[int]) -> Episode:
-    """An episode with given actions, until a goal is reached or they end; then the last one is held.
+    """An episode with given actions, until a goal is reached; the last one is held.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def learn(
 @njit(cache=True)
 def _perturbed(deviation: float, rng: np.random.Generator, state: Array) -> None:
     for d in range(len(state)):
-        state[d] = deviation * (2.0 * rng.random() - 1.0)
+        state[d] = deviation * rng.standard_normal()
 
 
 @njit(cache=True)

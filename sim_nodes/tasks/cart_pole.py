@@ -76,8 +76,9 @@ class CartPole(Settings):
     -50, 0 and +50 N on the cart, each with uniform noise of ±`FORCE_NOISE`. Where the cart
     is does not matter.
 
-    Left open, and here it is so: the initial perturbation, uniform in ±`deviation` for angle
-    and rate alike; the integration, by one Runge-Kutta step.
+    Left open, and here it is so: the initial perturbation, normal with the same `deviation` for
+    angle and rate; the integration, by one Runge-Kutta step. From near the equilibrium a random
+    episode balances for 7.9 steps; L's "about 6" takes a deviation near 0.33.
 
     References
     ----------
@@ -86,8 +87,8 @@ class CartPole(Settings):
     """
 
     deviation: float = setting(
-        0.1, "initial angle and rate lie within so much of zero [rad], [rad/s]",
-        low=0.0, high=FALLEN,
+        0.01, "standard deviation of the initial angle and rate [rad], [rad/s]",
+        low=0.0, high=10.0,
     )  # fmt: skip
 
     name = "cart_pole"
@@ -127,13 +128,13 @@ class CartPole(Settings):
         return advance(_step, _steps, state, action, noise, self.parameters(time))
 
     def initial_states(self) -> Array:
-        """A regular grid over the initial perturbations, ends included, shape (9, 2)."""
+        """Angle and rate each at zero or one deviation from it, shape (9, 2)."""
         values = np.linspace(-self.deviation, self.deviation, 3)
         return np.stack(np.meshgrid(values, values, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def draw_initial(self, rng: np.random.Generator) -> Array:
-        """Angle and rate uniform over their range."""
-        return rng.uniform(-self.deviation, self.deviation, 2)
+        """Angle and rate normal around zero."""
+        return self.deviation * rng.standard_normal(2)
 
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether the pole never fell."""

@@ -137,11 +137,11 @@ class SlungGrid:
             np.array(self.low) * angles, np.array(self.spacing) * angles, np.array(self.counts)
         )
         states = self.states(np.arange(self.size))
-        times = DT * np.arange(self.horizon + 1)
+        times = DT * np.arange(self.horizon + 1.0)
         return FiniteTask(
             successor,
             np.where(np.abs(states[:, 2]) > STEEP, PENALTY, 0.0),
             self.in_basket(states),
-            -(times**2),
+            -times * times,
             -2.0 * self.end_time**2,
         )
