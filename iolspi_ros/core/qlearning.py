@@ -208,6 +208,20 @@ def optimal_values(task: FiniteTask) -> Array:
     return values
 
 
+def optimal(task: FiniteTask, start: int) -> Episode:
+    """An episode that no other from there beats."""
+    values, state = optimal_values(task), start
+    actions: list[int] = []
+    for k in range(task.horizon):
+        following = task.successor[state]
+        beyond = np.where(task.goal[following], task.reached[k + 1], values[k + 1, following])
+        actions.append(int((task.arrival[following] + beyond).argmax()))
+        state = int(following[actions[-1]])
+        if task.goal[state]:
+            break
+    return fly(task, start, actions)
+
+
 @njit(cache=True)
 def _choose(values: Array, rng: np.random.Generator) -> int:
     """Number of the largest value, drawn among equal ones."""

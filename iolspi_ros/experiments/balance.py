@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -10,8 +12,10 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.features import Basis, RBFGrid, Table, weigh
 from iolspi_ros.core.lspi import Iteration, offline_lspi
-from iolspi_ros.core.samples import Transitions
+from iolspi_ros.core.samples import Transition, Transitions
+from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.tasks.cart_pole import FORCE_NOISE, CartPole
+from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
@@ -61,9 +65,14 @@ def random_episodes(
 
 
 def balancing_steps(
-    task: CartPole, features: Basis, weights: Array, episodes: int, rng: np.random.Generator
+    task: CartPole,
+    features: Basis,
+    weights: Array,
+    episodes: int,
+    rng: np.random.Generator,
+    most: int = CartPole.episode_steps,
 ) -> Array:
-    """Steps that a greedy policy balances the pole for, at most `task.episode_steps`.
+    """Steps that a greedy policy balances the pole for, at most so many.
 
     Parameters
     ----------
@@ -72,6 +81,7 @@ def balancing_steps(
     weights : ndarray of shape (n_actions, size)
     episodes : int
     rng : numpy.random.Generator
+    most : int
 
     Returns
     -------
@@ -80,9 +90,121 @@ def balancing_steps(
     steps = np.empty(episodes)
     _greedy(
         task.compiled, task.parameters(0.0), task.deviation, rng, features.table, weights,
-        task.episode_steps, steps,
+        most, steps,
     )  # fmt: skip
     return steps
+
+
+def demonstration(count: int, skilled: bool, rng: np.random.Generator) -> Transitions:
+    """Samples of the scripted pilot, who begins again whenever the pole falls.
+
+    Parameters
+    ----------
+    count : int
+        Samples.
+    skilled : bool
+        Reacts within one sampling time; otherwise within three.
+    rng : numpy.random.Generator
+    """
+    task: Any = CartPole()
+    delay = task.dt if skilled else 3.0 * task.dt
+    settings = PilotSettings(reaction_delay=delay, hold_time=task.dt, prediction_error=0.3)
+    pilot = ScriptedPilot(task, settings, rng)
+    world = World(task, WorldSettings(uniform_noise=FORCE_NOISE), rng)
+    rows: list[Transition] = []
+    while len(rows) < count:
+        pilot.begin()
+        seen = world.begin(0)
+        while not seen.last and len(rows) < count:
+            action = pilot.act(seen.state)
+            after = world.move(0, action)
+            rows.append(Transition(seen.state, action, after.reward, after.state, after.terminated))
+            seen = after
+    return Transitions.of(rows, 2)
+
+
+@dataclass(frozen=True)
+class Balancing:
+    """Offline LSPI on samples of the cart-pole, and what its policy is worth (T 8-2, 8-3).
+
+    Attributes
+    ----------
+    episodes : int
+        Random episodes to learn from; 0 when `samples` says how many.
+    samples : int
+        Random samples to learn from.
+    demonstrated : tuple of int
+        Sizes of demonstrations to learn from instead, merged; a negative one is of a pilot who
+        reacts late.
+    deviation : float
+        Of the starts of random episodes. Policies are judged from `CartPole`'s own.
+    steps, evaluations : int
+        Most steps of an episode that judges, and how many there are.
+    gamma, chi, max_iterations
+        As of `lspi.offline_lspi`.
+    centers : int
+        Gaussians in each direction.
+    one_set : bool
+        The samples of seed 0 for every seed, so that only w₀ differs.
+    """
+
+    episodes: int = 0
+    samples: int = 0
+    demonstrated: tuple[int, ...] = ()
+    deviation: float = 0.01
+    steps: int = 3000
+    evaluations: int = 20
+    gamma: float = CartPole.gamma
+    chi: float = 1e-5
+    max_iterations: int = 20
+    centers: int = 3
+    one_set: bool = False
+
+
+def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
+    """One set of samples and the policy learned from it, w₀ drawn at random.
+
+    Returns
+    -------
+    steps : float
+        Mean balancing steps.
+    length : float
+        Mean steps of an episode among the samples before the one that falls.
+    samples : int
+    converged, singular : float
+        0 or 1: the weights settled; the last solve was singular.
+    spread : ndarray of shape (2,)
+        Standard deviations of angle and rate among the samples.
+    """
+    taken = _samples(setting, np.random.default_rng([0 if setting.one_set else seed, 1]))
+    rng = np.random.default_rng([seed, 2])
+    features = basis((setting.centers, setting.centers))
+    weights = rng.standard_normal((len(CartPole.actions), features.size))
+    found = learn(
+        taken, features, weights, gamma=setting.gamma, chi=setting.chi,
+        max_iterations=setting.max_iterations,
+    )  # fmt: skip
+    flown = balancing_steps(
+        CartPole(), features, found.solve.weights, setting.evaluations, rng, setting.steps
+    )
+    falls = np.count_nonzero(taken.terminated)
+    return {
+        "steps": flown.mean(),
+        "length": len(taken) / falls - 1.0 if falls else np.nan,
+        "samples": len(taken),
+        "converged": float(found.stop == "converged"),
+        "singular": float(found.solve.status == "singular"),
+        "spread": taken.state.std(axis=0),
+    }
+
+
+def _samples(setting: Balancing, rng: np.random.Generator) -> Transitions:
+    if setting.demonstrated:
+        sets = [demonstration(abs(n), n > 0, rng) for n in setting.demonstrated]
+        return Transitions.of([row for one in sets for row in one], 2)
+    task = CartPole(deviation=setting.deviation)
+    taken, _ = random_episodes(task, setting.episodes or setting.samples, rng)
+    return taken[: setting.samples or len(taken)]
 
 
 def learn(
