@@ -130,8 +130,10 @@ def test_values_are_compared_over_ranges_of_a_variable():
 
 def test_swept_values_are_compared_by_seed():
     noise = np.random.default_rng(0).normal(size=(20, 1)) * 30.0
-    data = {"a": {"value": np.tile([0.0, 0.1, 0.5], (20, 1)), "average": np.add(noise, [[1.0, 3.0, 2.5]]),
-                  "converged": np.add(noise, [[9.0, 5.0, 7.0]])}}  # fmt: skip
+    one = {"value": np.tile([0.0, 0.1, 0.5], (20, 1)),
+           "average": np.add(noise, [[1.0, 3.0, 2.5]]),
+           "converged": np.add(noise, [[9.0, 5.0, 7.0]])}  # fmt: skip
+    data = {"a": one}
     found = chapter5_claims.swept("a", 0.1, (0.0, 0.5))(data)
     assert [f.measured.mean for f in found] == pytest.approx([2.0, 0.5])
     (sooner,) = chapter5_claims.swept("a", 0.1, (0.0,), "converged")(data)
