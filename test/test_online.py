@@ -75,6 +75,7 @@ STILL, BOTH = WorldSettings(), WorldSettings(action_noise=2.0, sensor_noise=(0.1
         (Pendulum(), STILL),
         (Pendulum(), BOTH),
         (Pendulum(), WorldSettings(action_noise=2.0)),
+        (Pendulum(), WorldSettings(uniform_noise=2.0)),
         (Pendulum(g_after=19.81, g_change_start=1.7), STILL),
         (Pendulum(g_after=19.81, g_change_start=1.7, g_change_duration=1.0), BOTH),
     ],

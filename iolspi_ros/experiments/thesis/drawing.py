@@ -14,7 +14,11 @@ _REFERENCE = "#c92a2a"
 
 
 def curves(
-    title: str, y: str, low: float | None = None, x_label: str = "vehicle time [s]"
+    title: str,
+    y: str,
+    low: float | None = None,
+    x_label: str = "vehicle time [s]",
+    near_zero: float | None = None,
 ) -> Callable[[Rows], Figure]:
     """A drawer of means with their 95 % bands over vehicle time, or something else.
 
@@ -23,6 +27,8 @@ def curves(
     title, y, x_label : str
     low : float, optional
         Lower end of the y axis, where a few bad values would hide the others.
+    near_zero : float, optional
+        Makes the x axis logarithmic, but linear up to this.
     """
 
     def draw(rows: Rows) -> Figure:
@@ -46,6 +52,8 @@ def curves(
             axes.fill_between(x, least, most, color=colour, alpha=0.15, lw=0)
         if low is not None:
             axes.set_ylim(bottom=low)
+        if near_zero is not None:
+            axes.set_xscale("symlog", linthresh=near_zero)
         _dress(figure, title, x_label, y)
         axes.legend(frameon=False, fontsize=8, loc="lower right", ncols=2)
         return figure
