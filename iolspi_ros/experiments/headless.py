@@ -121,7 +121,7 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
 
 def literal_beside(
-    task: str, file: Path, seed: int, transitions: Transitions | None, episodes: int
+    task: str, file: Path, seed: int, taught: Transitions, episodes: int
 ) -> tuple[OnlineLSPI, History] | None:
     """The thesis' own algorithm in the same situation, to compare with.
 
@@ -141,10 +141,10 @@ def literal_beside(
     if settings == configured.settings:
         return None
     learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-    history = History(world.task.dt)
+    history = History(world.task.dt, taught)
     listener = remember(history, learner, lambda done: None)
-    if transitions is not None:
-        update = learner.inform(transitions)
+    if len(taught):
+        update = learner.inform(taught)
         history.policies.append(Policy.of(update, 0.0, learner.weights))
     train(world, learner, episodes, listener)
     return learner, history
