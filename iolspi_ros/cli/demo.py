@@ -13,7 +13,6 @@ import typer
 
 from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import bar, console, yardstick
-from iolspi_ros.cli.sets import mode_and_corruption
 from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.errors import InputError
 
@@ -38,6 +37,7 @@ def demo(
     """
     from iolspi_ros import graph, resources
     from iolspi_ros.bags import BagWriter
+    from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 

@@ -11,7 +11,6 @@ import typer
 
 from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import bar, console
-from iolspi_ros.cli.sets import mode_and_corruption
 
 
 @app.command(epilog="Example: iolspi record --mode explore --corruption 0.33 --out my_set")
@@ -29,6 +28,7 @@ def record(
     """Let the scripted pilot fly one episode from each start on a ROS 2 graph, and record it."""
     from iolspi_ros import bags, graph, resources
     from iolspi_ros.errors import InputError
+    from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import task_class
 

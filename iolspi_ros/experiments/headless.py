@@ -44,10 +44,22 @@ def prepare(task: str, file: Path, seed: int) -> tuple[World, OnlineLSPI]:
 
 @dataclass
 class Listener:
-    """What to call while training; each may be left out."""
+    """What to call while training; each may be left out.
+
+    Attributes
+    ----------
+    on_observation : callable
+        With each observation, the action chosen there (-1 at an end) and who chose it.
+    on_update : callable
+        With each policy update.
+    on_episode : callable
+        With each episode's sum of rewards (T: learning score), its last reward, and whether the
+        task ended there.
+    """
 
     on_observation: Callable[[Observation, int, Source], None] | None = None
-    on_update: Callable[[Update], None] | None = None
+    on_update: Callable[[Update], None] = lambda update: None
+    on_episode: Callable[[float, float, bool], None] = lambda score, reward, terminated: None
 
 
 def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) -> None:
@@ -63,15 +75,15 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
     episodes : int
     listener : Listener
     """
-    if listener.on_observation is None and not world.noisy:
-        fly(world, learner, episodes, listener.on_update or (lambda update: None))
+    look = listener.on_observation
+    if look is None:
+        fly(world, learner, episodes, listener.on_update, listener.on_episode)
         return
     for episode in range(episodes):
-        seen = world.begin(episode)
+        seen, score = world.begin(episode), 0.0
         while not seen.last:
             action, source = learner.act(seen.state)
-            if listener.on_observation:
-                listener.on_observation(seen, action, source)
+            look(seen, action, source)
             following = world.move(episode, action)
             transition = Transition(
                 seen.state,
@@ -82,12 +94,11 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
                 following.truncated,
             )
             if learner.observe(transition):
-                update = learner.update()
-                if listener.on_update:
-                    listener.on_update(update)
+                listener.on_update(learner.update())
             seen = following
-        if listener.on_observation:
-            listener.on_observation(seen, -1, Source.HOLD)
+            score += seen.reward
+        listener.on_episode(score, seen.reward, seen.terminated)
+        look(seen, -1, Source.HOLD)
 
 
 def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None]) -> Listener:
