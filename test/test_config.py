@@ -18,6 +18,8 @@ from sim_nodes.simulator import SimulatorSettings
 from sim_nodes.tasks import TASKS
 from sim_nodes.world import WorldSettings
 
+CONFIGURED = [path.stem for path in resources.find("config").glob("*.yaml")]
+
 
 def read(task):
     file = resources.find("config", f"{task}.yaml")
@@ -25,7 +27,7 @@ def read(task):
                   ("simulator", "demonstrator", "learner", "literal")}  # fmt: skip
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", CONFIGURED)
 def test_every_parameter_is_one_that_its_node_has(task):
     classes = {
         "simulator": (SimulatorSettings, WorldSettings, TASKS[task]),
@@ -45,7 +47,7 @@ def test_every_parameter_is_one_that_its_node_has(task):
     assert {sections[node]["task"] for node in ("simulator", "demonstrator", "learner")} == {task}
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", CONFIGURED)
 def test_the_learner_is_the_tasks(task):
     vehicle, (file, sections) = TASKS[task](), read(task)
     learner = sections["learner"]
@@ -64,3 +66,18 @@ def test_the_slung_load_learns_with_the_numbers_of_the_thesis():
     np.testing.assert_allclose(learner["high"], [0, 4, np.pi / 2, np.pi])
     assert learner["epsilon"] == 0.01  # T 11-1
     assert read("slung_load")[1]["literal"]["centers"] == [9, 1, 9, 1]  # T IV-B
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_says_its_own_words(task):
+    vehicle, rng = TASKS[task](), np.random.default_rng(0)
+    n = len(vehicle.actions)
+    assert len(vehicle.axes) == len(vehicle.low) == 2 * len(vehicle.joints)
+    assert all("[" in axis for axis in vehicle.axes)
+    assert max(vehicle.pictured) < len(vehicle.axes)
+    assert len(vehicle.action_names) == n
+    states = rng.uniform(vehicle.low, vehicle.high, (500, len(vehicle.low)))
+    _, reward, terminated = vehicle.step(states, rng.integers(n, size=500))
+    ends = vehicle.ending(reward, terminated)
+    assert (ends < len(vehicle.endings)).all()
+    np.testing.assert_array_equal(ends > 0, terminated)  # the first ending is the clock's

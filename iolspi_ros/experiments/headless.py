@@ -125,8 +125,8 @@ def literal_beside(
 ) -> tuple[OnlineLSPI, History] | None:
     """The thesis' own algorithm in the same situation, to compare with.
 
-    No dimension wraps around; else its settings are the same, but for those that the file's
-    section `literal` gives.
+    No dimension wraps around and nothing is vetoed; else its settings are the same, but for
+    those that the file's section `literal` gives.
 
     Returns
     -------
@@ -136,7 +136,8 @@ def literal_beside(
     """
     world, configured = prepare(task, file, seed)
     values = resources.parameters(file, "learner")
-    values |= {"algorithm": "literal", "periodic": [False]} | resources.parameters(file, "literal")
+    values |= {"algorithm": "literal", "periodic": [False], "shield": False}
+    values |= resources.parameters(file, "literal")
     settings = from_mapping(LearnerSettings, values, str(file))
     if settings == configured.settings:
         return None
