@@ -51,6 +51,23 @@ def test_episodes_of_any_length_are_judged_as_the_evaluation_does(task):
         np.testing.assert_array_equal(ends == task.endings.index("dunk"), flown.succeeded)
 
 
+class Staying:
+    """Succeeds where the last state is the one that the episode ended in."""
+
+    low, episode_steps = (0.0, 0.0), 9
+
+    def succeeded(self, states, rewards):
+        assert (states.shape, rewards.shape) == ((10, 2, 2), (9, 2))
+        return (states[-1, :, 0] == 3.0) & (rewards.sum(axis=0) == -6.0)
+
+
+def test_an_episode_that_ended_early_stays_where_it_ended():
+    episode = Episode()
+    for step in range(4):
+        episode.take(seen(step, last=step == 3))
+    assert succeeded(Staying(), [episode, episode]).all()
+
+
 def test_the_thesis_own_stands_beside_only_where_it_differs(tmp_path):
     """The slung load with T's own functions, and no shield."""
     file = resources.find("config", "slung_load.yaml")

@@ -16,7 +16,8 @@ ALLOWED = {
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs",
        "geometry_msgs", "visualization_msgs")  # fmt: skip
 ROS_FREE = ["iolspi_ros/core", "sim_nodes/tasks", "sim_nodes/world.py", "sim_nodes/pilots.py",
-            "sim_nodes/pictures.py", "iolspi_ros/experiments", "iolspi_ros/report", "iolspi_ros/bags"]  # fmt: skip
+            "sim_nodes/pictures.py", "iolspi_ros/experiments", "iolspi_ros/report",
+            "iolspi_ros/bags"]  # fmt: skip
 
 
 def imports(path):
