@@ -28,6 +28,7 @@ REFRESHED = LearnerSettings()
 HANGING: Any = Pendulum()  # a Task, and a dataclass
 
 _QUICK = 8
+_QUICK_LOOKS = 15
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Learning:
             g_change_start=self.task.g_change_start / _QUICK,
             g_change_duration=self.task.g_change_duration / _QUICK,
         )
-        looks = max(1, self.looks // _QUICK)
+        looks = min(self.looks, _QUICK_LOOKS)
         return replace(self, task=task, seconds=self.seconds / _QUICK, looks=looks)
 
     @property
