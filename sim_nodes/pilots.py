@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.cart_pole import CartPole
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
@@ -186,11 +187,30 @@ class SlungLoadExplore(Explorer):
         return self.perform.steer(state, speed, swing)
 
 
+class CartPolePerform:
+    """Push the cart under the pole."""
+
+    lead = 0.25  # s: how far ahead of the angle the balancing hand reacts
+    dead_zone = 0.05  # rad: small enough to leave alone
+
+    def __init__(self, task: CartPole, rng: np.random.Generator) -> None:
+        pass
+
+    def begin(self) -> None:
+        """Nothing carries over between episodes."""
+
+    def decide(self, state: Array, time: float) -> int:
+        """Push towards the side that it leans to, soon."""
+        lean = float(state[0]) + self.lead * float(state[1])
+        return 1 if abs(lean) < self.dead_zone else (2 if lean > 0 else 0)
+
+
 _LAWS: dict[tuple[str, str], type] = {
     ("pendulum", "perform"): PendulumPerform,
     ("pendulum", "explore"): PendulumExplore,
     ("slung_load", "perform"): SlungLoadPerform,
     ("slung_load", "explore"): SlungLoadExplore,
+    ("cart_pole", "perform"): CartPolePerform,
 }
 
 

@@ -27,6 +27,9 @@ class WorldSettings(Settings):
     action_noise: float = setting(
         0.0, "standard deviation of the noise on the action, in its unit (T Eq. 10-1)", low=0.0
     )
+    uniform_noise: float = setting(
+        0.0, "half-width of uniform noise on the action, in its unit; T 8-1 takes 10.0", low=0.0
+    )
     sensor_noise: tuple[float, ...] = setting(
         (0.0,),
         "standard deviations of the measured state (T Eq. 10-2); one for all, or each",
@@ -86,6 +89,8 @@ class World:
         noise = 0.0
         if self.settings.action_noise:
             noise = self.settings.action_noise * self.rng.standard_normal()
+        if self.settings.uniform_noise:
+            noise += self.settings.uniform_noise * (2.0 * self.rng.random() - 1.0)
         self.state, reward, terminated = self.task.step(
             self.state, action, self.vehicle_time, noise
         )

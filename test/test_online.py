@@ -75,6 +75,7 @@ STILL, BOTH = WorldSettings(), WorldSettings(action_noise=2.0, sensor_noise=(0.1
         (Pendulum(), STILL),
         (Pendulum(), BOTH),
         (Pendulum(), WorldSettings(action_noise=2.0)),
+        (Pendulum(), WorldSettings(uniform_noise=2.0)),
         (Pendulum(g_after=19.81, g_change_start=1.7), STILL),
         (Pendulum(g_after=19.81, g_change_start=1.7, g_change_duration=1.0), BOTH),
     ],
@@ -88,7 +89,7 @@ def test_the_compiled_loop_flies_step_by_step_the_same(task, noise, algorithm):
         core.weights[:] = 0.0
         vehicle = World(task, noise, np.random.default_rng([4, 0]))
         scores = []
-        listener.on_episode = scores.append
+        listener.on_episode = lambda *numbers, scores=scores: scores.append(numbers)
         train(vehicle, core, 3, listener)
         cores.append(core)
         totals.append(scores)

@@ -147,8 +147,6 @@ def _report(
     demonstration: int,
 ) -> None:
     """Compute what needs no graph, and write the pages."""
-    from iolspi_ros import resources
-    from iolspi_ros.bags import read_demonstration
     from iolspi_ros.experiments.evaluate import succeeded
     from iolspi_ros.experiments.headless import literal_beside, prepare
     from iolspi_ros.report import run as report
@@ -170,18 +168,17 @@ def _report(
     title = f"Learning the {vehicle.name.replace('_', ' ')} from demonstrations"
     best = yardstick(vehicle)
     with console.status("flying the literal algorithm beside, drawing …"):
-        bag = resources.find("demos", vehicle.name, f"set_{demonstration}")
-        taught = read_demonstration(bag, vehicle.name, vehicle.joints)
         beside = literal_beside(
-            vehicle.name, config, extra["seed"], taught.transitions(len(vehicle.low)),
-            len(history.scores),
-        )  # fmt: skip
+            vehicle.name, config, extra["seed"], history.taught, len(history.scores)
+        )
         summary = report.finish(out, title, lead, vehicle, features, history, best, extra, beside)
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
         f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] "
         f"{report.near_optimal_words(summary)};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(shown)} episodes shown on the graph "
-        f"{vehicle.success}. That took {summary['wall_seconds']:.0f} s.\n"
+        f"{vehicle.success}; after the demonstrations alone it was "
+        f"{summary['success_fraction_offline']:.0%} of the starts. "
+        f"That took {summary['wall_seconds']:.0f} s.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )

@@ -43,11 +43,12 @@ class LearnerSettings(Settings):
         (True, False), "dimensions in which high is low again, one for all or each; T: false"
     )
     normalisation: str = setting(
-        "asymmetric", "scaling of the dimensions, T 9-1-2 or 9-1-3", choices=NORMALISATIONS
+        "asymmetric", "scaling of the dimensions, T 9-1-2, 9-1-3 or 8-1", choices=NORMALISATIONS
     )
     width: float = setting(
         1.0, "width of a function in spacings of the centres", low=0.0, low_open=True
     )
+    constant: bool = setting(False, "rbf: a function that is 1 everywhere besides (T Eq. 8-2)")
     gamma: float = setting(0.98, "discount factor", low=0.0, high=1.0, high_open=True)
     sampling_time: float = setting(0.005, "T_s [s]", low=0.0, low_open=True)
     epsilon: float = setting(0.2, "exploration rate, or where it starts", low=0.0, high=1.0)
@@ -107,8 +108,9 @@ class LearnerSettings(Settings):
         if self.basis == "chebyshev":
             return ChebyshevGrid(self.low, self.high, self.centers)
         return RBFGrid(
-            self.low, self.high, self.centers, self.normalisation, self.width, self.periodic
-        )
+            self.low, self.high, self.centers, self.normalisation, self.width, self.periodic,
+            self.constant,
+        )  # fmt: skip
 
     def guarded(self) -> Shield:
         """A shield that has seen nothing; one without limits when it is off."""

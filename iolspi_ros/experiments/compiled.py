@@ -21,7 +21,7 @@ def fly(
     learner: OnlineLSPI,
     episodes: int,
     on_update: Callable[[Update], None],
-    on_episode: Callable[[float], None],
+    on_episode: Callable[[float, float, bool], None],
 ) -> None:
     """Act and learn for some episodes.
 
@@ -50,7 +50,7 @@ def fly(
             if len(learner.batch) >= learner.settings.update_interval:
                 on_update(learner.update())
             if over:
-                on_episode(score)
+                on_episode(score, flight.reward, ended)
                 break
             action = learner.choose(flight.q.tolist()) if tied else -1
 
@@ -65,7 +65,7 @@ class _Flight:
         self.q = np.empty(learner.settings.n_actions)
         self.factors = np.empty(int(table.counts.sum()))
         self.phi = np.empty(learner.features.size)
-        self.score = 0.0  # sum of rewards of the latest stretch
+        self.score, self.reward = 0.0, 0.0  # of the latest stretch: their sum, and the last one
 
     def stretch(self, left: int, action: int) -> tuple[int, bool, bool]:
         """Fly until the batch or the episode is full, the task ends, or Q̂ leaves a choice.
@@ -90,15 +90,17 @@ class _Flight:
             steps = range(begin, begin + count)  # they change on the way
             parameters = np.stack([world.task.parameters(step * dt) for step in steps])
         rows = learner.batch.reserve(count)
+        noises = (world.settings.action_noise, world.settings.uniform_noise)
         exploring = (s.epsilon, s.epsilon_decay, s.sampling_time, min(s.epsilon_min, s.epsilon))
         steps, terminated, tied, vetoes = _fly(
             world.task.compiled, parameters, learner.features.table, learner.weights, learner.rng,
-            exploring, learner.shield.guard, learner.step, world.settings.action_noise,
-            world.sensor_noise, world.rng, self.state, self.seen, action, rows.state, rows.action,
-            rows.reward, rows.next_state, self.factors, self.phi, self.q, self.following,
+            exploring, learner.shield.guard, learner.step, noises, world.sensor_noise, world.rng,
+            self.state, self.seen, action, rows.state, rows.action, rows.reward, rows.next_state,
+            self.factors, self.phi, self.q, self.following,
         )  # fmt: skip
         learner.batch.written(steps)
         self.score = float(rows.reward[:steps].sum())
+        self.reward = float(rows.reward[steps - 1]) if steps else self.reward
         learner.step += steps
         learner.vetoes += vetoes
         world.flown(self.state.copy(), steps)
@@ -115,7 +117,7 @@ def _fly(
     exploring: tuple[float, float, float, float],
     guard: Guard,
     step: int,
-    action_noise: float,
+    action_noises: tuple[float, float],
     sensor_noise: Array,
     vehicle_rng: np.random.Generator,
     state: Array,
@@ -133,6 +135,7 @@ def _fly(
     """Fill the rows; returns how many, whether it ended, whether Q̂ leaves a choice, and vetoes."""
     vetoes = 0
     start, decay, dt, floor = exploring
+    normal, uniform = action_noises
     blurred = sensor_noise.any()
     for row in range(len(states)):
         if row == 0 and first_action >= 0:
@@ -153,7 +156,9 @@ def _fly(
             vetoes += 1
             weigh(table, weights, seen, factors, phi, q)
             action = safest(guard, seen, q)
-        noise = action_noise * vehicle_rng.standard_normal() if action_noise else 0.0
+        noise = normal * vehicle_rng.standard_normal() if normal else 0.0
+        if uniform:
+            noise += uniform * (2.0 * vehicle_rng.random() - 1.0)
         now = parameters[min(row, len(parameters) - 1)]
         reward, ended = dynamics(state, action, noise, now, following)
         states[row] = seen

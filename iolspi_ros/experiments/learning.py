@@ -100,7 +100,8 @@ def learn(setting: Learning, seed: int) -> Mapping[str, Any]:
     task, judged, scores = setting.task, _Judge(setting, core), list[float]()
     world = World(task, setting.world, np.random.default_rng([seed, 0]))
     listener = Listener(
-        on_update=lambda update: judged.updated(update.step * task.dt), on_episode=scores.append
+        on_update=lambda update: judged.updated(update.step * task.dt),
+        on_episode=lambda score, *_: scores.append(score),
     )
     train(world, core, round(setting.seconds / (task.dt * task.episode_steps)), listener)
     judged.updated(np.inf)

@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from iolspi_ros import qos, wire
 from iolspi_ros.bags import BagWriter
 from iolspi_ros.core.refresh import Judgement
-from iolspi_ros.core.samples import Array, Observation
+from iolspi_ros.core.samples import Array, Observation, Transition, Transitions
 from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.history import Episode, History, Policy
@@ -45,7 +45,7 @@ class Monitor(Node):
 
     def __init__(self, task: Task, bag: BagWriter | None = None) -> None:
         super().__init__("monitor")
-        self.demonstrated: list[Array] = []
+        self.demonstrated: list[Transition] = []
         self.episodes: list[Episode] = []
         self.scores: list[float] = []
         self._offline = ""
@@ -190,7 +190,7 @@ class Monitor(Node):
         ]
         return History(
             dt=self._dt,
-            demonstrated=self.demonstrated,
+            taught=Transitions.of(self.demonstrated, self._samples.n_dims),
             episodes=self.episodes[:learned],
             scores=self.scores[:learned],
             policies=policies,
@@ -236,7 +236,7 @@ class Monitor(Node):
         self._ended = self._ended + observation.last
 
     def _on_sample(self, message: Any) -> None:
-        self.demonstrated.append(self._samples.sample(message).transition.state)
+        self.demonstrated.append(self._samples.sample(message).transition)
 
     def _on_score(self, message: Any) -> None:
         self.scores.append(self._scores.read(message)[4])

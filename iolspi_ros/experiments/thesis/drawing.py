@@ -13,14 +13,22 @@ from iolspi_ros.experiments.thesis.study import Rows
 _REFERENCE = "#c92a2a"
 
 
-def curves(title: str, y: str, low: float | None = None) -> Callable[[Rows], Figure]:
-    """A drawer of means with their 95 % bands over vehicle time.
+def curves(
+    title: str,
+    y: str,
+    low: float | None = None,
+    x_label: str = "vehicle time [s]",
+    near_zero: float | None = None,
+) -> Callable[[Rows], Figure]:
+    """A drawer of means with their 95 % bands over vehicle time, or something else.
 
     Parameters
     ----------
-    title, y : str
+    title, y, x_label : str
     low : float, optional
         Lower end of the y axis, where a few bad values would hide the others.
+    near_zero : float, optional
+        Makes the x axis logarithmic, but linear up to this.
     """
 
     def draw(rows: Rows) -> Figure:
@@ -44,7 +52,9 @@ def curves(title: str, y: str, low: float | None = None) -> Callable[[Rows], Fig
             axes.fill_between(x, least, most, color=colour, alpha=0.15, lw=0)
         if low is not None:
             axes.set_ylim(bottom=low)
-        _dress(figure, title, "vehicle time [s]", y)
+        if near_zero is not None:
+            axes.set_xscale("symlog", linthresh=near_zero)
+        _dress(figure, title, x_label, y)
         axes.legend(frameon=False, fontsize=8, loc="lower right", ncols=2)
         return figure
 
