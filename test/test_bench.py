@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bench import learner, scale, speed
-from iolspi_ros.bench.rows import at_least, at_most, interval
+from iolspi_ros.bench.rows import at_least, at_most
 from iolspi_ros.cli import bench
-
-
-def test_the_interval_is_that_of_the_book():
-    """Ten values of mean 3 and standard deviation 1: 3 ± 2.262 / √10 (Student, 9 degrees)."""
-    values = np.repeat([2.0, 4.0], 5) * np.sqrt(0.9) + 3.0 - 3.0 * np.sqrt(0.9)
-    assert np.std(values, ddof=1) == pytest.approx(1.0)
-    mean, low, high = interval(values)
-    assert (mean, low, high) == pytest.approx((3.0, 3.0 - 0.7153, 3.0 + 0.7153), abs=1e-4)
-    assert interval(np.array([7.0])) == (7.0, 7.0, 7.0)
 
 
 def test_goals_hold_or_not():
@@ -27,18 +18,16 @@ def test_power_laws_are_found():
     assert scale.exponent([1.0, 10.0, 100.0], [3.0, 3e2, 3e4]) == pytest.approx(2.0)
 
 
-def test_a_realisation_is_judged_after_every_update():
-    curve = learner.fly("set 5", learner.REFRESHED, 0, learner.STILL, 12.0)
-    assert curve.time.tolist() == [0.0, 5.0, 10.0]
-    assert (curve.ratio > 0.99).all()
-    assert ((curve.upright >= curve.whole) & (curve.upright <= 1.0)).all()
-
-
-def test_random_samples_are_whole_episodes_of_all_actions():
-    samples = learner.samples("random", 3)
-    assert len(samples) == 21 * 300
-    assert samples.truncated.sum() == 21
-    assert np.bincount(samples.action).min() > 1900
+def test_figures_are_taken_at_the_deadline_and_after_it():
+    """Two seeds, cost 1.2, 1.1, 1.0 and 1.2, 1.1, 1.02 at 0, 20 and 40 s."""
+    ratio = np.array([[1.2, 1.1, 1.0], [1.2, 1.1, 1.02]])
+    upright = np.array([[0.0, 0.5, 1.0], [0.0, 0.7, 1.0]])
+    curves = learner.Curves(np.array([0.0, 20.0, 40.0]), ratio, upright, upright)
+    found = {row.name: row for row in learner._figures(curves, "set 5", "refreshed")}
+    assert found["set 5, refreshed: cost at 20 s, mean"].value == pytest.approx(1.1)
+    assert found["set 5, refreshed: cost, worst later update of all seeds"].value == 1.1
+    assert not found["set 5, refreshed: cost at 20 s, upper 95 %"].holds
+    assert found["set 5, refreshed: last 0.5 s upright at 20 s, mean"].value == pytest.approx(0.6)
 
 
 def test_algorithm_2_written_out_gives_our_weights():

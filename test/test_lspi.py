@@ -3,9 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iolspi_ros.core.lspi import greedy, offline_lspi, solve
+from iolspi_ros.core.lspi import greedy, offline_lspi
 from iolspi_ros.core.moments import Moments, accumulate
 from iolspi_ros.core.samples import Transitions
+from iolspi_ros.core.solve import solve
 
 GAMMA = 0.9
 

@@ -15,6 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import bags, qos, wire
 from iolspi_ros.core.online import Source
@@ -147,6 +148,35 @@ def test_in_real_time_nobody_is_waited_for(nodes, peer):
     peer.until(lambda: any(m.data[6] for m in peer.heard["reward"]))  # an episode ran out
     actions = {m.data[7] for m in peer.heard["reward"] if m.data[1] > 0}
     assert actions == {1.0}  # neutral all the way
+
+
+def test_whoever_looks_sees_the_vehicle_and_what_it_drops(nodes, peer):
+    peer.listen("state", JointState)
+    peer.listen("markers", MarkerArray)
+    act = peer.publisher("action", Float64MultiArray)
+    config = find("config", "slung_load.yaml")
+    nodes.start("simulator", "--params-file", str(config))
+    peer.until(lambda: peer.heard["state"] and peer.heard["markers"])
+    markers = {marker.ns: marker for marker in peer.heard["markers"][0].markers}
+    state, stamp = peer.heard["state"][0], markers["load"].header.stamp
+    assert (state.header.stamp, markers["load"].header.frame_id) == (stamp, "world")
+    x, angle = state.position
+    assert markers["quadrotor"].pose.position.x == x
+    load = markers["load"].pose.position
+    assert (load.x, load.z) == pytest.approx((x + np.sin(angle), -np.cos(angle)))
+    assert [p.x for p in markers["cable"].points] == pytest.approx([x, load.x])
+    assert all(m.action == Marker.ADD and m.color.a > 0 and m.scale.x > 0 for m in markers.values())
+    assert "fall" not in markers
+    act.publish(wire.Rows("action", wire.ACTION).message(0, 0, *stamp_of(state), 3, Source.HUMAN))
+    peer.until(lambda: any(m.ns == "fall" for a in peer.heard["markers"] for m in a.markers))
+    last = peer.heard["markers"][-1].markers[-1]
+    assert last.ns == "fall"
+    assert (last.points[0].x, last.points[0].z) == pytest.approx((load.x, load.z))
+    assert last.points[-1].z < last.points[0].z
+
+
+def stamp_of(message):
+    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 # ---------------------------------------------------------------- learner

@@ -55,10 +55,10 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
         from iolspi_ros.bench import figures, learner
 
         with bar("learner [realisations]", learner.total(seeds)) as show:
-            still, jump = learner.curves(seeds, show)
+            learned = learner.measure(seeds, show)
         if plots:
-            figures.learning(still, jump, plots)
-        return learner.rows(still, jump)
+            figures.learning(learned, plots)
+        return learner.rows(learned)
     if subject == "speed":
         from iolspi_ros.bench import speed
 

@@ -66,10 +66,11 @@ def reproduce(
     store = Store(out / "data", console.print)
     _compute(studies, store, _backend(backend, scheduler, processes))
     claims = []
-    for study in studies:
-        claims += page.save(study, engine.gather(study.cells, store), folder)
-    if claims:
-        write_rows(folder / page.CLAIMS, claims)
+    with bar("tables and figures", len(studies)) as show:
+        for number, study in enumerate(studies, 1):
+            claims += page.save(study, engine.gather(study.cells, store), folder)
+            show(number)
+    write_rows(folder / page.CLAIMS, claims, page.CLAIM_COLUMNS)
     written = page.write(studies, folder)
     for row in claims:
         console.print(f"{row['study']}: {row['claim']}: [bold]{row['verdict']}[/bold]")

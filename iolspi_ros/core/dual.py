@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve as solve_positive
 
 from iolspi_ros.core.features import Basis
-from iolspi_ros.core.lspi import Actions, Solve, solve_system
+from iolspi_ros.core.lspi import Actions
 from iolspi_ros.core.samples import Transitions
+from iolspi_ros.core.solve import Solve, solve_system
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.features import Table, weigh
 from iolspi_ros.core.online import OnlineLSPI, Update
+from iolspi_ros.core.shield import Guard, allowed, safest
 from sim_nodes.world import World
 
 Array = NDArray[np.float64]
@@ -91,15 +92,16 @@ class _Flight:
         rows = learner.batch.reserve(count)
         noises = (world.settings.action_noise, world.settings.uniform_noise)
         exploring = (s.epsilon, s.epsilon_decay, s.sampling_time, min(s.epsilon_min, s.epsilon))
-        steps, terminated, tied = _fly(
+        steps, terminated, tied, vetoes = _fly(
             world.task.compiled, parameters, learner.features.table, learner.weights, learner.rng,
-            exploring, learner.step, noises, world.sensor_noise, world.rng,
+            exploring, learner.shield.guard, learner.step, noises, world.sensor_noise, world.rng,
             self.state, self.seen, action, rows.state, rows.action, rows.reward, rows.next_state,
             self.factors, self.phi, self.q, self.following,
         )  # fmt: skip
         learner.batch.written(steps)
         self.score = float(rows.reward[:steps].sum())
         learner.step += steps
+        learner.vetoes += vetoes
         world.flown(self.state.copy(), steps)
         return steps, terminated, tied
 
@@ -112,6 +114,7 @@ def _fly(
     weights: Array,
     rng: np.random.Generator,
     exploring: tuple[float, float, float, float],
+    guard: Guard,
     step: int,
     action_noises: tuple[float, float],
     sensor_noise: Array,
@@ -127,8 +130,9 @@ def _fly(
     phi: Array,
     q: Array,
     following: Array,
-) -> tuple[int, bool, bool]:
-    """Fill the rows; returns how many, whether the task ended, and whether Q̂ leaves a choice."""
+) -> tuple[int, bool, bool, int]:
+    """Fill the rows; returns how many, whether it ended, whether Q̂ leaves a choice, and vetoes."""
+    vetoes = 0
     start, decay, dt, floor = exploring
     normal, uniform = action_noises
     blurred = sensor_noise.any()
@@ -146,7 +150,11 @@ def _fly(
             for a in range(len(q)):
                 best += q[a] == q[action]
             if best != 1:
-                return row, False, True
+                return row, False, True, vetoes
+        if guard.active and not allowed(guard, seen, action):
+            vetoes += 1
+            weigh(table, weights, seen, factors, phi, q)
+            action = safest(guard, seen, q)
         noise = normal * vehicle_rng.standard_normal() if normal else 0.0
         if uniform:
             noise += uniform * (2.0 * vehicle_rng.random() - 1.0)
@@ -162,5 +170,5 @@ def _fly(
                 seen[d] += sensor_noise[d] * vehicle_rng.standard_normal()
         next_states[row] = seen
         if ended:
-            return row + 1, True, False
-    return len(states), False, False
+            return row + 1, True, False, vetoes
+    return len(states), False, False, vetoes

@@ -131,7 +131,7 @@ def cluster(address: str) -> Backend:
             "--backend dask needs Dask; allowed: install the package's extra 'cluster'"
         ) from None
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout="5s")
     except (OSError, ValueError) as error:
         raise InputError(
             f"--scheduler {address}: no Dask scheduler answers ({error}); "

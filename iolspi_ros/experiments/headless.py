@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.experiments.compiled import fly
-from iolspi_ros.experiments.history import History, Policy
+from iolspi_ros.experiments.history import Episode, History, Policy
 from iolspi_ros.settings import from_mapping
 from sim_nodes.tasks import make_task
 from sim_nodes.world import World, WorldSettings
@@ -105,9 +105,9 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
     def observed(observation: Observation, action: int, source: Source) -> None:
         if observation.step == 0:
-            history.episodes.append([])
+            history.episodes.append(Episode())
             history.scores.append(0.0)
-        history.episodes[-1].append(observation.state)
+        history.episodes[-1].take(observation)
         history.scores[-1] += observation.reward
         if observation.last:
             show(len(history.episodes))
@@ -121,16 +121,24 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
 def literal_beside(
     task: str, file: Path, seed: int, transitions: Transitions | None, episodes: int
-) -> tuple[OnlineLSPI, History]:
+) -> tuple[OnlineLSPI, History] | None:
     """The thesis' own algorithm in the same situation, to compare with.
+
+    No dimension wraps around; else its settings are the same, but for those that the file's
+    section `literal` gives.
 
     Returns
     -------
     learner : OnlineLSPI
     history : History
+        Or None for both when the file's own learner is just that one.
     """
     world, configured = prepare(task, file, seed)
-    settings = replace(configured.settings, algorithm="literal", periodic=(False,))
+    values = resources.parameters(file, "learner")
+    values |= {"algorithm": "literal", "periodic": [False]} | resources.parameters(file, "literal")
+    settings = from_mapping(LearnerSettings, values, str(file))
+    if settings == configured.settings:
+        return None
     learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
     history = History(world.task.dt)
     listener = remember(history, learner, lambda done: None)

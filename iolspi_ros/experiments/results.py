@@ -40,6 +40,7 @@ class Store:
 
     def __init__(self, folder: Path, warn: Callable[[str], None] = lambda text: None) -> None:
         self.folder, self._warn = folder, warn
+        self._read: dict[Path, Result] = {}  # figures share most of what they are made of
         try:
             with atomic_file(folder / ".writable"):
                 pass
@@ -57,14 +58,18 @@ class Store:
     def read(self, cell: Cell, seed: int) -> Result | None:
         """A realisation; None when it is not there, or its file is cut short or damaged."""
         path = self.path(cell, seed)
+        if path in self._read:
+            return self._read[path]
         try:
             with np.load(path, allow_pickle=False) as file:
-                return {name: file[name] for name in file.files if name != "about"}
+                found = {name: file[name] for name in file.files if name != "about"}
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             self._warn(f"{path} is cut short or damaged; that realisation is computed again")
             return None
+        self._read[path] = found
+        return found
 
     def write(self, cell: Cell, seed: int, result: Result) -> None:
         """Put a realisation away, with what made it.

@@ -18,16 +18,29 @@ from sim_nodes.world import World, WorldSettings
 
 MODES = {1: ("perform", 0.0), 2: ("explore", 0.0), 3: ("perform", 0.5), 4: ("perform", 0.33),
          5: ("explore", 0.33)}  # fmt: skip
-"""T Table 1: mode and corruption of each demonstration set."""
+"""T Table 1: mode and corruption of each demonstration set, and of every other task's."""
 NOTHING, SEQUENTIAL, INDEPENDENT = "nothing", "random sequential", "random independent"
 SOURCES = (NOTHING, SEQUENTIAL, INDEPENDENT, *(f"set {n}{a}" for n in MODES for a in ("", "a")))
 _REPEATS_SEED = 100
 
 
-def bag(source: str) -> Path | None:
+def mode_and_corruption(number: int) -> tuple[str, float]:
+    """How a shipped set was flown.
+
+    Raises
+    ------
+    InputError
+        When there is no such set.
+    """
+    if number not in MODES:
+        raise InputError(f"--set is {number}; allowed: 1 to {len(MODES)}")
+    return MODES[number]
+
+
+def bag(source: str, task: str = "pendulum") -> Path | None:
     """The shipped bag of a source, if it is one."""
     shipped = source.startswith("set ") and not source.endswith("a")
-    return resources.find("demos", "pendulum", f"set_{source[4:]}") if shipped else None
+    return resources.find("demos", task, f"set_{source[4:]}") if shipped else None
 
 
 def samples(source: str, task: Task, seed: int) -> Transitions | None:
@@ -60,7 +73,7 @@ def samples(source: str, task: Task, seed: int) -> Transitions | None:
         return Transitions(state, action, reward, following, ended, np.zeros(n, bool))
     if source not in SOURCES:
         raise InputError(f"sample set is {source!r}; allowed: {', '.join(SOURCES)}")
-    if path := bag(source):
+    if path := bag(source, task.name):
         return _read(path, task.name, task.joints)
     number = int(source[4:-1])
     return demonstrate(task, *MODES[number], _REPEATS_SEED + number)

@@ -12,10 +12,17 @@ from iolspi_ros.experiments.thesis.study import Study
 @cache
 def studies() -> dict[str, Study]:
     """Every study by its name, in the order of the thesis."""
-    from iolspi_ros.experiments.thesis import chapter5, chapter8, chapter9, chapter10, part1
+    from iolspi_ros.experiments.thesis import (
+        chapter5,
+        chapter8,
+        chapter9,
+        chapter10,
+        finding,
+        part1,
+    )
 
     found: dict[str, Study] = {}
-    for chapter in (part1, chapter5, chapter8, chapter9, chapter10):
+    for chapter in (part1, chapter5, chapter8, chapter9, chapter10, finding):
         for study in chapter.studies():
             assert study.name not in found, f"two studies named {study.name}"
             found[study.name] = study

@@ -11,6 +11,9 @@ import numpy as np
 from iolspi_ros.experiments.engine import Data
 from iolspi_ros.experiments.statistics import Interval
 
+OURS = "not in T"
+"""Place of a claim that is ours."""
+
 
 class Verdict(Enum):
     """Of a claim, or of a part of it."""
@@ -55,7 +58,7 @@ class Claim:
     text : str
         T's statement, shortened.
     where : str
-        Section or page, and figure.
+        Section or page, and figure; `OURS` for what T does not say.
     setting : str
         In a few words.
     decide : callable

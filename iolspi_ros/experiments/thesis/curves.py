@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 SECONDS = 600.0
 """Length of T's runs; times below are of such a run, and are scaled for a shorter one [s]."""
 NEAR_OPTIMAL = "near-optimal"
-REFRESHED_SEEDS = 5
+REFRESHED_SEEDS = 3
 _EPISODES_AVERAGED = 4
 _LITERAL_COST, _REFRESHED_COST, _YARDSTICK_COST = 0.7, 22.0, 3.0  # s
 
@@ -73,6 +73,12 @@ def _cost(setting: Learning) -> float:
 def returns(data: Data) -> Rows:
     """Discounted return of the policy in use over vehicle time."""
     return _rows(data, lambda cell: (cell["time"][0], cell["discounted"]))
+
+
+def uprights(data: Data) -> Rows:
+    """Share of the last 0.5 s upright of the policy in use over vehicle time; T has no such."""
+    there = {name: cell for name, cell in data.items() if "upright" in cell}
+    return _rows(there, lambda cell: (cell["time"][0], cell["upright"]))
 
 
 def scores(data: Data) -> Rows:

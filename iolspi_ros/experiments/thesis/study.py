@@ -70,8 +70,15 @@ class Study:
         return replace(self, cells=tuple(cells))
 
 
-def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+def write_rows(
+    path: Path, rows: Sequence[dict[str, Any]], columns: Sequence[str] | None = None
+) -> None:
     """Save rows as CSV.
+
+    Parameters
+    ----------
+    columns : sequence of str, optional
+        Needed when there may be no rows.
 
     Raises
     ------
@@ -79,7 +86,7 @@ def write_rows(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         When the file cannot be written.
     """
     text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer = csv.DictWriter(text, fieldnames=list(columns or rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows([{key: _plain(value) for key, value in row.items()} for row in rows])
     try:
