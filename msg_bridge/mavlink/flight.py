@@ -1,0 +1,518 @@
+"""A flight: take-off, episodes one after the other, landing; no ROS and no thread in here.
+
+`tick` is called at a fixed rate, `take` whenever an action comes. Who commands is decided by
+`authority.decide`; this class does what the commander says, and keeps the phases.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iolspi_ros.core.samples import Observation
+from msg_bridge.mavlink import setpoints
+from msg_bridge.mavlink.authority import Commander, Situation, Timeouts, Verdict, decide
+from msg_bridge.mavlink.convert import Track
+from msg_bridge.mavlink.envelope import Limits, Motion, limit, violation
+from msg_bridge.mavlink.episode import Episode
+from msg_bridge.mavlink.ferry import Ferry, across, upwards
+from msg_bridge.mavlink.gripper import Gripper
+from msg_bridge.mavlink.link import Link
+from msg_bridge.mavlink.phases import Phase
+from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.settings import FlightSettings
+from msg_bridge.mavlink.setpoints import Integral, Push, Run, Stay, Wish
+from msg_bridge.mavlink.sight import Sight
+from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
+
+Array = NDArray[np.float64]
+Say = Callable[[str, str], None]
+"""Tells a person: "info" or "warning", and the words."""
+
+_AGAIN = 1.0  # between two requests of the same [s]
+_SLOW = 0.3  # a vehicle below this has stopped [m/s]
+_JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
+_FALL_TIME = 2.0  # longest that a load is watched after it was let go [s]
+_STICK_SPEED = 2.0  # of a stick held all the way [m/s]
+_PROBE = 1.0  # between two episodes that nobody has answered [s]
+_COMPLAIN = 20.0  # between two words about what does not come about [s]
+
+
+class Flight:
+    """One vehicle in the air, with a task.
+
+    Parameters
+    ----------
+    task : SlungLoad
+    link : Link
+    profile : Profile
+    settings : FlightSettings
+    limits : Limits
+    timeouts : Timeouts
+    show : callable
+        Takes each observation of the task.
+    say : callable
+        Takes words for people.
+    """
+
+    def __init__(
+        self,
+        task: SlungLoad,
+        link: Link,
+        profile: Profile,
+        settings: FlightSettings,
+        limits: Limits,
+        timeouts: Timeouts,
+        show: Callable[[Observation], None],
+        say: Say,
+    ) -> None:
+        self.task, self.link, self.profile, self.settings = task, link, profile, settings
+        self.limits, self.timeouts = limits, timeouts
+        self._show, self._say = show, say
+        self._track = Track((settings.origin[0], settings.origin[1]), settings.heading)
+        self.sight = Sight(
+            link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
+        )
+        self._gripper = Gripper(link, profile, settings)
+        self._ferry = Ferry(limits.cable, limits.response)
+        self._integral = Integral()
+        self._lock = threading.RLock()
+        self.phase, self.verdict = Phase.IDLE, Verdict(Commander.NOBODY, "not begun")
+        self.motion = Motion()
+        self.episode: Episode | None = None
+        self.interventions: Counter[str] = Counter()
+        self.flown = self.abandoned = self.violations = 0
+        self.paused, self.deadman = False, True
+        self.stick: float | None = None
+        """Of a person who has taken over, from -1 to 1."""
+        self._number = -1
+        self._since = self._last = self._asked = self._complained = 0.0
+        self._settled = self._probe = self._released = self._text = 0.0
+        self._alone = 0.0
+        self._before = 0.0  # acceleration of the setpoint before [m/s²]
+        self._applied = task.neutral
+        self._anchor: tuple[float, float, float] | None = None
+        self._target = 0.0
+        self.reset()
+
+    # ------------------------------------------------------------ told from outside
+
+    def reset(self) -> None:
+        """Count episodes and draw initial positions from the beginning."""
+        with self._lock:
+            self._rng = np.random.default_rng([self.settings.seed, 3])
+            self.flown = 0
+            self._begun = 0
+
+    def begin(self, now: float) -> None:
+        """Take off, as soon as the vehicle lets us."""
+        with self._lock:
+            self._last = self._text = now
+            self._alone = 0.0
+            self._enter(Phase.GROUND, now)
+
+    def land(self, now: float, why: str) -> None:
+        """End the flight."""
+        with self._lock:
+            if self.phase not in (Phase.IDLE, Phase.DOWN, Phase.LANDING):
+                self._give_up(now)
+                self._say("info", f"landing: {why}")
+                self._enter(Phase.LANDING, now)
+
+    def take(self, number: int, step: int, action: int, now: float) -> bool:
+        """Take an action and fly it at once; False when it answers no state of this episode."""
+        with self._lock:
+            episode = self.episode
+            if episode is None or number != episode.number or self.phase is not Phase.EPISODE:
+                return False
+            if not episode.answer(step, action):
+                return False
+            self._alone = 0.0
+            if action == RELEASE and self._decide(now).commander is Commander.ACTOR:
+                self._release(now)
+            self._fly(now)
+            return True
+
+    # ------------------------------------------------------------ every tick
+
+    def tick(self, now: float) -> None:
+        """Take what has come, decide, move on, and send a setpoint."""
+        with self._lock:
+            self.link.poll(now)
+            self._pass_on_texts(now)
+            self._fly(now)
+
+    def _fly(self, now: float) -> None:
+        dt = now - self._last
+        self._last = now
+        if self.episode is not None and self.phase is Phase.EPISODE:
+            self.episode.hold(self._applied, dt)
+            if self.episode.answered < 0:
+                self._alone += dt
+        elif self.phase is Phase.FERRY and self._probe > 0.0:
+            self._alone += dt
+        self.motion = self.sight.motion(now)
+        before, self.verdict = self.verdict, self._decide(now)
+        if self.verdict != before:
+            self._announce(before)
+        self._go_on(now)
+        wish = self._wish(now, max(dt, 1e-3))
+        if wish is not None:
+            self._send(wish, now)
+
+    def _decide(self, now: float) -> Verdict:
+        if self.phase in (Phase.IDLE, Phase.DOWN):
+            return Verdict(Commander.NOBODY, "not flying")
+        if self.phase is Phase.LANDING:
+            return Verdict(Commander.LAND, self.verdict.reason)
+        if self.phase is Phase.GROUND:
+            return Verdict(Commander.BRIDGE)
+        return decide(self._situation(now), self.timeouts)
+
+    def _situation(self, now: float) -> Situation:
+        t, episode = self.link.telemetry, self.phase is Phase.EPISODE
+        hanging = self.phase in (Phase.FERRY, Phase.EPISODE)
+        answered = self.episode.answered_time if self.episode is not None else now
+        return Situation(
+            telemetry_age=now - t.position_time,
+            armed=t.armed,
+            controlled=t.mode == self.profile.controlled,
+            estimator=t.ready,
+            load_age=self.sight.load_age(now) if hanging else 0.0,
+            episode=episode,
+            action_age=now - answered,
+            alone=self._alone,
+            violation=violation(self.limits, self.motion) if episode else "",
+            pilot=self.stick is not None,
+            deadman=self.deadman,
+            jumped=now - t.jump_time < _JUMPED,
+            paused=self.paused,
+        )
+
+    def _announce(self, before: Verdict) -> None:
+        verdict = self.verdict
+        if verdict.reason.startswith("envelope"):
+            self.violations += 1
+        calm = (Commander.BRIDGE, Commander.ACTOR, Commander.NOBODY)
+        if verdict.commander in calm:
+            if before.commander not in (*calm, Commander.NEUTRAL):
+                self._say("info", f"{verdict.commander.name.lower()} commands again")
+        elif verdict.commander is not Commander.NEUTRAL and not self._unanswered():
+            self._say("warning", f"{verdict.commander.name.lower()}: {verdict.reason}")
+
+    def _unanswered(self) -> bool:
+        """Whether nobody has begun to answer this episode: no news, it is asked every second."""
+        silent = self.episode is not None and self.episode.answered < 0
+        return silent and self.verdict.commander is Commander.HOLD
+
+    def _pass_on_texts(self, now: float) -> None:
+        for when, severity, text in list(self.link.telemetry.texts):
+            if when > self._text:
+                self._say("warning" if severity <= 4 else "info", f"autopilot: {text}")
+        self._text = now
+
+    # ------------------------------------------------------------ phases
+
+    def _enter(self, phase: Phase, now: float) -> None:
+        self.phase, self._since = phase, now
+        self._settled = self._complained = now
+        self._asked = -_AGAIN
+        self._anchor = None
+        self._integral.forget()
+
+    def _go_on(self, now: float) -> None:
+        """Move on to the next phase when it is time."""
+        commander = self.verdict.commander
+        if self.phase is Phase.LANDING:
+            self._landing(now)
+        elif commander is Commander.LAND:
+            self._give_up(now)
+            self._enter(Phase.LANDING, now)
+        elif commander is Commander.OTHER and not self.link.telemetry.armed:
+            self._give_up(now)
+            self._enter(Phase.DOWN, now)
+            self._say("warning", "on the ground; activate the bridge again to fly on")
+        elif commander in (Commander.HOLD, Commander.OTHER, Commander.PILOT):
+            self._give_up(now)
+        elif (handle := _HANDLERS.get(self.phase)) is not None:
+            handle(self, now)
+
+    def _give_up(self, now: float) -> None:
+        """End an episode under way without a word: nobody learns from what comes now."""
+        if self.episode is not None:
+            self.abandoned += self.episode.answered >= 0
+            self.episode = None
+            self._probe = now + _PROBE
+        if self.phase in (Phase.EPISODE, Phase.FALL):
+            self._enter(Phase.BRAKE, now)
+
+    def _ground(self, now: float) -> None:
+        t = self.link.telemetry
+        self.sight.stand()
+        if t.armed and t.mode == self.profile.controlled:
+            self._enter(Phase.CLIMB, now)
+            return
+        if now - self._asked >= _AGAIN and now - self._since > _AGAIN:  # setpoints come first
+            self._asked = now
+            if t.mode != self.profile.controlled:
+                self.link.ask_mode(self.profile, self.profile.controlled)
+            elif not t.armed:
+                self.link.arm(True)
+        what = "the mode" if t.mode != self.profile.controlled else "arming"
+        self._complain(now, f"the autopilot has not accepted {what}")
+
+    def _climb(self, now: float) -> None:
+        if not self.profile.stream_first and now - self._asked >= 3.0 and self.motion.height < 0.5:
+            self._asked = now
+            self.link.take_off(self.settings.height)
+        if abs(self.motion.height - self.settings.height) < 0.4 and abs(self.motion.climb) < 0.5:
+            self._next_start(now)
+            return
+        self._complain(now, f"still climbing, at {self.motion.height:.1f} m")
+
+    def _next_start(self, now: float) -> None:
+        if self.settings.episodes and self._begun >= self.settings.episodes:
+            self.land(now, f"{self.flown} episodes flown")
+            return
+        starts = self.task.initial_states()
+        if self.settings.order == "sweep":
+            places = np.unique(starts[:, 0])
+            self._target = float(places[self._begun % len(places)])
+        else:
+            self._target = float(self.task.draw_initial(self._rng)[0])
+        self._probe = 0.0
+        self._enter(Phase.FERRY, now)
+
+    def _ferrying(self, now: float) -> None:
+        m, swing = self.motion, self.settings.settle_swing
+        there = (
+            abs(m.x - self._target) < 0.25 and abs(m.speed) < 0.2 and abs(m.across) < 0.4
+            and abs(m.height - self.settings.height) < 0.6
+            and abs(m.swing) < swing and abs(m.swing_rate) < 3.0 * swing
+        )  # fmt: skip
+        if not there:
+            self._settled = now
+            self._complain(now, f"settling at x = {self._target:.1f} m, {_words(m)}")
+        elif now - self._settled >= self.settings.settle_time and now >= self._probe:
+            if self.deadman:
+                self._start(now)
+
+    def _start(self, now: float) -> None:
+        self._number += 1
+        state = self._state()
+        self.episode = Episode(self.task, self._number, now, state)
+        self._applied, self._before = self.task.neutral, 0.0
+        self._enter(Phase.EPISODE, now)
+        self._show(self._stamped(self.episode.first(), now))
+
+    def _flying(self, now: float) -> None:
+        episode = self.episode
+        if episode is None or not episode.due(now):
+            return
+        observation = self._stamped(episode.advance(now, self._state()), now)
+        self._show(observation)
+        if observation.last:
+            self._ended(now)
+
+    def _ended(self, now: float) -> None:
+        self.episode = None
+        self.flown += 1
+        self._begun += 1
+        self._enter(Phase.BRAKE, now)
+
+    def _release(self, now: float) -> None:
+        """Let the load go, now; where it lands is watched from here on."""
+        self._gripper.turn(open_it=True, now=now)
+        self._released = now
+        self._let_go_at = self._state()
+        self.sight.let_go(self.motion, self.task.rim)
+        self._enter(Phase.FALL, now)
+
+    def _falling(self, now: float) -> None:
+        self._gripper.tick(now)
+        reward = self._landed(now)
+        if reward is not None and self.episode is not None:
+            observation = self.episode.dropped(now, self._let_go_at, RELEASE, reward)
+            self._show(self._stamped(observation, now))
+            self._ended(now)
+            return
+        refusal = self._gripper.refusal(now)
+        if not refusal and now - self._released > _FALL_TIME:
+            refusal = "the load was let go, it says, but hangs there still"
+        if refusal:
+            self._say("warning", refusal)
+            if self.sight.hangs():
+                self.sight.fall = None
+            self._give_up(now)
+
+    def _landed(self, now: float) -> float | None:
+        """The task's reward for where the load came down; None while that is open."""
+        fall = self.sight.fall
+        if not self.sight.feed:
+            answered = self._gripper.result() is not None and not self._gripper.refusal(now)
+            return float(self.task.step(self._let_go_at, RELEASE)[1]) if answered else None
+        if fall is None or self.sight.hangs():
+            return None
+        if fall.landing is None and fall.lowest > fall.plane:
+            return None
+        return self.task.landed(fall.landing)
+
+    def _braking(self, now: float) -> None:
+        if abs(self.motion.speed) < _SLOW and now - self._since > 0.2:
+            if self.sight.fall is None:
+                self._next_start(now)
+            else:
+                self._enter(Phase.RELOAD, now)
+                self._gripper.turn(open_it=False, now=now)
+
+    def _reloading(self, now: float) -> None:
+        self._gripper.tick(now)
+        fresh = self.link.telemetry.load_time > self._since + 0.2
+        if self._gripper.result() is not None and self.sight.hangs() and (
+            fresh or not self.sight.feed
+        ):
+            self.sight.loaded()
+            self._next_start(now)
+        elif now - self._since > 5.0:
+            why = self._gripper.refusal(now) or "no load is seen on the cable"
+            self._complain(now, f"waiting for a load: {why}")
+
+    def _landing(self, now: float) -> None:
+        t = self.link.telemetry
+        if not t.armed:
+            self._enter(Phase.DOWN, now)
+            self._say("info", "landed")
+        elif t.mode != self.profile.landing and now - self._asked >= _AGAIN:
+            self._asked = now
+            self.link.ask_mode(self.profile, self.profile.landing)
+
+    def _complain(self, now: float, what: str) -> None:
+        """Say now and then what does not come about, and what the autopilot says to it."""
+        if now - self._complained > _COMPLAIN:
+            self._complained = now
+            said = self.link.telemetry.texts_since(now - _COMPLAIN)
+            self._say("warning", what + (f"; autopilot: {said[-1]}" if said else ""))
+
+    # ------------------------------------------------------------ setpoints
+
+    def _wish(self, now: float, dt: float) -> Wish | None:
+        commander, m = self.verdict.commander, self.motion
+        if commander in (Commander.NOBODY, Commander.LAND):
+            return None
+        if commander is Commander.PILOT:
+            self._anchor = None
+            return Run((self.stick or 0.0) * _STICK_SPEED, *self._back(m))
+        if commander is Commander.OTHER:
+            self._anchor = None  # so that it stays where it is when it is given back
+            return self._hold() if self.profile.stream_first else None
+        if commander in (Commander.ACTOR, Commander.NEUTRAL):
+            return self._push(self._wanted(), dt)
+        if commander is Commander.BRIDGE and self.phase is Phase.FERRY:
+            return self._push(self._ferry.along(self._target, m, dt), dt)
+        if commander is Commander.BRIDGE and self.phase in (Phase.GROUND, Phase.CLIMB):
+            return self._start_wish()
+        return self._hold()
+
+    def _start_wish(self) -> Wish | None:
+        """Where to stay before take-off, and where to climb to, without a take-off by command."""
+        if not self.profile.stream_first or not np.isfinite(self.link.telemetry.position).all():
+            return None
+        along, sideways, height = self._anchor or self.sight.place()
+        self._anchor = (along, sideways, height)
+        return Stay(along, sideways, self.settings.height if self.phase is Phase.CLIMB else height)
+
+    def _hold(self) -> Wish:
+        """Brake, then stay."""
+        m = self.motion
+        if self._anchor is None and (abs(m.speed) > _SLOW or abs(m.drift) > _SLOW):
+            return Run(0.0, 0.0, 0.0)
+        if self._anchor is None:
+            self._anchor = (m.x, m.across, m.height)
+        return Stay(*self._anchor)
+
+    def _back(self, m: Motion) -> tuple[float, float]:
+        """Velocities across and upwards that lead back to the track [m/s]."""
+        up = 0.8 * (self.settings.height - m.height)
+        return max(-1.0, min(-0.8 * m.across, 1.0)), max(-1.0, min(up, 1.0))
+
+    def _wanted(self) -> float:
+        """Acceleration of the action in force [m/s²]."""
+        acting = self.verdict.commander is Commander.ACTOR and self.episode is not None
+        action = self.episode.action if acting and self.episode else self.task.neutral
+        return float(self.task.actions[action])
+
+    def _push(self, wanted: float, dt: float) -> Wish:
+        """An acceleration inside the envelope, and which of the actions that is."""
+        limited = limit(self.limits, wanted, self.motion, self._before, dt)
+        reasons = [reason for reason in limited.reasons if reason != "jerk"]
+        self.interventions.update(reasons)
+        applied = limited.acceleration if reasons else wanted
+        choices = np.array(self.task.actions[:RELEASE])
+        self._applied = int(np.argmin(np.abs(choices - applied)))
+        self._before = limited.acceleration
+        m = self.motion
+        if self.settings.setpoints == "velocity":
+            velocity = self._integral.velocity(limited.acceleration, m.speed, dt)
+            return Run(velocity, *self._back(m))
+        height = self.settings.height
+        return Push(limited.acceleration, across(m), upwards(height, m), height)
+
+    def _send(self, wish: Wish, now: float) -> None:
+        if isinstance(wish, Push):
+            wish = wish._replace(height=self.sight.up(wish.height))
+        elif isinstance(wish, Stay):
+            wish = wish._replace(height=self.sight.up(wish.height))
+        try:
+            message = setpoints.packet(wish, self.profile, self._track, self.link.target, now)
+        except ValueError as error:
+            self._say("warning", f"not sent: {error}")
+            return
+        self.link.send(message)
+
+    # ------------------------------------------------------------ small things
+
+    def _state(self) -> Array:
+        m = self.motion
+        return np.array([m.x, m.speed, m.swing, m.swing_rate])
+
+    def _stamped(self, observation: Observation, now: float) -> Observation:
+        return observation._replace(stamp=round(now * 1e9))
+
+    def report(self) -> dict[str, Any]:
+        """How it stands, for /diagnostics."""
+        with self._lock:
+            t = self.link.telemetry
+            return {
+                "phase": self.phase.name.lower(),
+                "commander": self.verdict.commander.name.lower(),
+                "reason": self.verdict.reason,
+                "autopilot": f"{self.profile.name}, {self.profile.mode_name(t.mode)}, "
+                + ("armed" if t.armed else "disarmed"),
+                "load": "reported by its own system" if self.sight.feed else "estimated",
+                "episodes flown": self.flown,
+                "episodes abandoned": self.abandoned,
+                "envelope left": self.violations,
+                "envelope interventions": dict(self.interventions),
+                "packets rejected": self.link.codec.rejected,
+                "other systems heard": dict(t.strangers),
+            }
+
+
+_HANDLERS: dict[Phase, Callable[[Flight, float], None]] = {
+    Phase.GROUND: Flight._ground,
+    Phase.CLIMB: Flight._climb,
+    Phase.FERRY: Flight._ferrying,
+    Phase.EPISODE: Flight._flying,
+    Phase.FALL: Flight._falling,
+    Phase.BRAKE: Flight._braking,
+    Phase.RELOAD: Flight._reloading,
+}
+
+
+def _words(m: Motion) -> str:
+    return f"now x = {m.x:.2f} m, speed {m.speed:.2f} m/s, swing {m.swing:.2f} rad"
