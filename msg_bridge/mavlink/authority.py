@@ -49,6 +49,10 @@ class Timeouts(Settings):
     telemetry_timeout: float = setting(
         0.4, "hold when no position was heard for this long [s]", low=0.05, high=10.0
     )
+    estimator_timeout: float = setting(
+        1.0, "land when the autopilot has not known where it is for this long [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     load_timeout: float = setting(
         0.5, "hold when the load was not heard of for this long [s]", low=0.05, high=10.0
     )
@@ -68,8 +72,8 @@ class Situation(NamedTuple):
         Since the last position of the vehicle.
     armed, controlled : bool
         By its last heartbeat; in the mode in which it obeys setpoints.
-    estimator : bool
-        The autopilot knows where it is.
+    lost : float
+        For how long the autopilot has not known where it is.
     load_age : float
         Since the load was heard of; zero when its swing is estimated.
     episode : bool
@@ -92,7 +96,7 @@ class Situation(NamedTuple):
     telemetry_age: float = 0.0
     armed: bool = True
     controlled: bool = True
-    estimator: bool = True
+    lost: float = 0.0
     load_age: float = 0.0
     episode: bool = False
     action_age: float = 0.0
@@ -121,7 +125,7 @@ def decide(s: Situation, timeouts: Timeouts) -> Verdict:
         return Verdict(Commander.OTHER, "the vehicle was disarmed")
     if not s.controlled:
         return Verdict(Commander.OTHER, "somebody changed the mode")
-    if not s.estimator:
+    if s.lost > timeouts.estimator_timeout:
         return Verdict(Commander.LAND, "the autopilot has lost its position estimate")
     if s.pilot:
         return Verdict(Commander.PILOT, "a person has taken over")

@@ -41,9 +41,7 @@ class Ferry:
     def along(self, target: float, motion: Motion, dt: float) -> float:
         """Setpoint along the track [m/s²] towards x = target [m]; `dt` since the last one [s]."""
         error = max(-_LEAD, min(motion.x - target, _LEAD))
-        state = np.array(
-            [error, motion.speed, motion.swing, motion.swing_rate, self._acceleration]
-        )
+        state = np.array([error, motion.speed, motion.swing, motion.swing_rate, self._acceleration])
         wanted = float(-self._gains @ state)
         wanted = max(-2.5, min(wanted, 2.5))
         # What the vehicle does with it is not measured well; the model that the gains are for is.

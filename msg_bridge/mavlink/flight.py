@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -18,16 +17,16 @@ from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink import setpoints
 from msg_bridge.mavlink.authority import Commander, Situation, Timeouts, Verdict, decide
 from msg_bridge.mavlink.convert import Track
-from msg_bridge.mavlink.envelope import Limits, Motion, limit, violation
+from msg_bridge.mavlink.envelope import Limits, Motion, violation
 from msg_bridge.mavlink.episode import Episode
-from msg_bridge.mavlink.ferry import Ferry, across, upwards
 from msg_bridge.mavlink.gripper import Gripper
 from msg_bridge.mavlink.link import Link
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import Profile
 from msg_bridge.mavlink.settings import FlightSettings
-from msg_bridge.mavlink.setpoints import Integral, Push, Run, Stay, Wish
+from msg_bridge.mavlink.setpoints import Push, Stay, Wish
 from msg_bridge.mavlink.sight import Sight
+from msg_bridge.mavlink.steering import Steering
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 Array = NDArray[np.float64]
@@ -38,7 +37,6 @@ _AGAIN = 1.0  # between two requests of the same [s]
 _SLOW = 0.3  # a vehicle below this has stopped [m/s]
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
 _FALL_TIME = 2.0  # longest that a load is watched after it was let go [s]
-_STICK_SPEED = 2.0  # of a stick held all the way [m/s]
 _PROBE = 1.0  # between two episodes that nobody has answered [s]
 _COMPLAIN = 20.0  # between two words about what does not come about [s]
 
@@ -79,13 +77,11 @@ class Flight:
             link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
         )
         self._gripper = Gripper(link, profile, settings)
-        self._ferry = Ferry(limits.cable, limits.response)
-        self._integral = Integral()
+        self._steering = Steering(task, profile, settings, limits, self.sight)
         self._lock = threading.RLock()
         self.phase, self.verdict = Phase.IDLE, Verdict(Commander.NOBODY, "not begun")
         self.motion = Motion()
         self.episode: Episode | None = None
-        self.interventions: Counter[str] = Counter()
         self.flown = self.abandoned = self.violations = 0
         self.paused, self.deadman = False, True
         self.stick: float | None = None
@@ -94,9 +90,6 @@ class Flight:
         self._since = self._last = self._asked = self._complained = 0.0
         self._settled = self._probe = self._released = self._text = 0.0
         self._alone = 0.0
-        self._before = 0.0  # acceleration of the setpoint before [m/s²]
-        self._applied = task.neutral
-        self._anchor: tuple[float, float, float] | None = None
         self._target = 0.0
         self.reset()
 
@@ -121,7 +114,8 @@ class Flight:
         with self._lock:
             if self.phase not in (Phase.IDLE, Phase.DOWN, Phase.LANDING):
                 self._give_up(now)
-                self._say("info", f"landing: {why}")
+                self.verdict = Verdict(Commander.LAND, why)
+                self._say("info", f"land: {why}")
                 self._enter(Phase.LANDING, now)
 
     def take(self, number: int, step: int, action: int, now: float) -> bool:
@@ -151,7 +145,7 @@ class Flight:
         dt = now - self._last
         self._last = now
         if self.episode is not None and self.phase is Phase.EPISODE:
-            self.episode.hold(self._applied, dt)
+            self.episode.hold(self._steering.applied, dt)
             if self.episode.answered < 0:
                 self._alone += dt
         elif self.phase is Phase.FERRY and self._probe > 0.0:
@@ -161,7 +155,10 @@ class Flight:
         if self.verdict != before:
             self._announce(before)
         self._go_on(now)
-        wish = self._wish(now, max(dt, 1e-3))
+        wish = self._steering.wish(
+            self.verdict.commander, self.phase, self.motion, wanted=self._wanted(),
+            target=self._target, stick=self.stick or 0.0, dt=max(dt, 1e-3),
+        )  # fmt: skip
         if wish is not None:
             self._send(wish, now)
 
@@ -182,7 +179,7 @@ class Flight:
             telemetry_age=now - t.position_time,
             armed=t.armed,
             controlled=t.mode == self.profile.controlled,
-            estimator=t.ready,
+            lost=max(now - t.lost_time, 0.0),
             load_age=self.sight.load_age(now) if hanging else 0.0,
             episode=episode,
             action_age=now - answered,
@@ -222,8 +219,7 @@ class Flight:
         self.phase, self._since = phase, now
         self._settled = self._complained = now
         self._asked = -_AGAIN
-        self._anchor = None
-        self._integral.forget()
+        self._steering.begin()
 
     def _go_on(self, now: float) -> None:
         """Move on to the next phase when it is time."""
@@ -306,7 +302,7 @@ class Flight:
         self._number += 1
         state = self._state()
         self.episode = Episode(self.task, self._number, now, state)
-        self._applied, self._before = self.task.neutral, 0.0
+        self._steering.rest()
         self._enter(Phase.EPISODE, now)
         self._show(self._stamped(self.episode.first(), now))
 
@@ -373,8 +369,10 @@ class Flight:
     def _reloading(self, now: float) -> None:
         self._gripper.tick(now)
         fresh = self.link.telemetry.load_time > self._since + 0.2
-        if self._gripper.result() is not None and self.sight.hangs() and (
-            fresh or not self.sight.feed
+        if (
+            self._gripper.result() is not None
+            and self.sight.hangs()
+            and (fresh or not self.sight.feed)
         ):
             self.sight.loaded()
             self._next_start(now)
@@ -400,67 +398,10 @@ class Flight:
 
     # ------------------------------------------------------------ setpoints
 
-    def _wish(self, now: float, dt: float) -> Wish | None:
-        commander, m = self.verdict.commander, self.motion
-        if commander in (Commander.NOBODY, Commander.LAND):
-            return None
-        if commander is Commander.PILOT:
-            self._anchor = None
-            return Run((self.stick or 0.0) * _STICK_SPEED, *self._back(m))
-        if commander is Commander.OTHER:
-            self._anchor = None  # so that it stays where it is when it is given back
-            return self._hold() if self.profile.stream_first else None
-        if commander in (Commander.ACTOR, Commander.NEUTRAL):
-            return self._push(self._wanted(), dt)
-        if commander is Commander.BRIDGE and self.phase is Phase.FERRY:
-            return self._push(self._ferry.along(self._target, m, dt), dt)
-        if commander is Commander.BRIDGE and self.phase in (Phase.GROUND, Phase.CLIMB):
-            return self._start_wish()
-        return self._hold()
-
-    def _start_wish(self) -> Wish | None:
-        """Where to stay before take-off, and where to climb to, without a take-off by command."""
-        if not self.profile.stream_first or not np.isfinite(self.link.telemetry.position).all():
-            return None
-        along, sideways, height = self._anchor or self.sight.place()
-        self._anchor = (along, sideways, height)
-        return Stay(along, sideways, self.settings.height if self.phase is Phase.CLIMB else height)
-
-    def _hold(self) -> Wish:
-        """Brake, then stay."""
-        m = self.motion
-        if self._anchor is None and (abs(m.speed) > _SLOW or abs(m.drift) > _SLOW):
-            return Run(0.0, 0.0, 0.0)
-        if self._anchor is None:
-            self._anchor = (m.x, m.across, m.height)
-        return Stay(*self._anchor)
-
-    def _back(self, m: Motion) -> tuple[float, float]:
-        """Velocities across and upwards that lead back to the track [m/s]."""
-        up = 0.8 * (self.settings.height - m.height)
-        return max(-1.0, min(-0.8 * m.across, 1.0)), max(-1.0, min(up, 1.0))
-
     def _wanted(self) -> float:
         """Acceleration of the action in force [m/s²]."""
-        acting = self.verdict.commander is Commander.ACTOR and self.episode is not None
-        action = self.episode.action if acting and self.episode else self.task.neutral
+        action = self.task.neutral if self.episode is None else self.episode.action
         return float(self.task.actions[action])
-
-    def _push(self, wanted: float, dt: float) -> Wish:
-        """An acceleration inside the envelope, and which of the actions that is."""
-        limited = limit(self.limits, wanted, self.motion, self._before, dt)
-        reasons = [reason for reason in limited.reasons if reason != "jerk"]
-        self.interventions.update(reasons)
-        applied = limited.acceleration if reasons else wanted
-        choices = np.array(self.task.actions[:RELEASE])
-        self._applied = int(np.argmin(np.abs(choices - applied)))
-        self._before = limited.acceleration
-        m = self.motion
-        if self.settings.setpoints == "velocity":
-            velocity = self._integral.velocity(limited.acceleration, m.speed, dt)
-            return Run(velocity, *self._back(m))
-        height = self.settings.height
-        return Push(limited.acceleration, across(m), upwards(height, m), height)
 
     def _send(self, wish: Wish, now: float) -> None:
         if isinstance(wish, Push):
@@ -497,7 +438,7 @@ class Flight:
                 "episodes flown": self.flown,
                 "episodes abandoned": self.abandoned,
                 "envelope left": self.violations,
-                "envelope interventions": dict(self.interventions),
+                "envelope interventions": dict(self._steering.interventions),
                 "packets rejected": self.link.codec.rejected,
                 "other systems heard": dict(t.strangers),
             }

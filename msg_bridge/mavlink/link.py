@@ -110,9 +110,7 @@ class Link:
         parameters = [*values, *[0.0] * (7 - len(values))]
         if not all(map(math.isfinite, parameters)):
             raise ValueError(f"command {number} has {parameters}; allowed: finite numbers")
-        return self.send(
-            dialect.MAVLink_command_long_message(*self.target, number, 0, *parameters)
-        )
+        return self.send(dialect.MAVLink_command_long_message(*self.target, number, 0, *parameters))
 
     def ask_rates(self) -> None:
         """Ask for the messages that we live on."""

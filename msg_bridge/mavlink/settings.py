@@ -75,6 +75,4 @@ class LinkSettings(Settings):
         "", "file with the key for signing; with it nothing unsigned is taken; empty for none"
     )
     log: str = setting("", "a .tlog of all that is said; empty for none")
-    patience: float = setting(
-        60.0, "give up the preflight after so long [s]", low=1.0, high=3600.0
-    )
+    patience: float = setting(60.0, "give up the preflight after so long [s]", low=1.0, high=3600.0)

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 NEVER = -math.inf
 
 # EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS agree in these bits.
-_ATTITUDE, _VELOCITY, _RELATIVE, _ABSOLUTE, _CONSTANT = 1, 2, 8, 16, 128
+_ATTITUDE, _VELOCITY, _RELATIVE, _ABSOLUTE = 1, 2, 8, 16
 _JUMP = 1.0  # of the autopilot's clock against ours [s] that is more than a slow link
 _FOLLOW = 0.02  # share of the clocks' difference that is taken over with each position
 _INTEGERS = tuple(range(dialect.MAV_PARAM_TYPE_UINT8, dialect.MAV_PARAM_TYPE_INT64 + 1))
@@ -38,6 +38,8 @@ class Telemetry:
     ----------
     system, load_system : int
         Whose messages count; all others are only noted in `strangers`.
+    lost_time : float
+        Since when the autopilot has said that it does not know where it is; infinite if it does.
     """
 
     system: int
@@ -53,6 +55,7 @@ class Telemetry:
     position_time: float = NEVER
     tilt: float = 0.0
     flags: int | None = None
+    lost_time: float = math.inf
     landed: bool | None = None
     load_offset: Array = field(default_factory=lambda: np.full(3, np.nan))
     load_time: float = NEVER
@@ -75,8 +78,7 @@ class Telemetry:
         if self.flags is None:
             return False
         needed = _ATTITUDE | _VELOCITY
-        placed = self.flags & (_RELATIVE | _ABSOLUTE) and not self.flags & _CONSTANT
-        return bool(self.flags & needed == needed and placed)
+        return bool(self.flags & needed == needed and self.flags & (_RELATIVE | _ABSOLUTE))
 
     def take(self, message: Any, now: float) -> bool:
         """Take a message; False when it comes from nobody who matters here."""
@@ -144,6 +146,10 @@ class Telemetry:
 
     def _estimator(self, message: Any, now: float) -> None:
         self.flags = int(message.flags)
+        if self.ready:
+            self.lost_time = math.inf
+        else:
+            self.lost_time = min(self.lost_time, now)
 
     def _extended(self, message: Any, now: float) -> None:
         if message.landed_state != dialect.MAV_LANDED_STATE_UNDEFINED:
