@@ -19,6 +19,7 @@ from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes import runtime
 from iolspi_ros.settings import Settings, setting
+from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.world import World, WorldSettings
 
@@ -41,7 +42,7 @@ class SimulatorSettings(Settings):
 
 
 class Simulator(Node):
-    """Publishes `state`, `reward` and `/clock`; takes `action`; see docs/interfaces.md."""
+    """Publishes `state`, `reward`, `/clock`, `markers`; takes `action`: docs/interfaces.md."""
 
     def __init__(self) -> None:
         super().__init__("simulator")
@@ -59,6 +60,7 @@ class Simulator(Node):
         self._state_out = self.create_publisher(JointState, "state", qos.OUTGOING)
         self._reward_out = self.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
         self._clock_out = self.create_publisher(Clock, "/clock", qos.OUTGOING)
+        self._markers = Markers(self)
         self._state_message, self._clock_message = JointState(), Clock()
         self._ticks = 0
         self._episode = -1
@@ -142,6 +144,7 @@ class Simulator(Node):
         # Last: whoever answers is at work already.
         runtime.publish(self._clock_out, self._clock_message)
         self._published = time.monotonic()
+        self._markers.show(self.world.task, self._observation)
 
     # ------------------------------------------------------------ what comes in
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import bar, console
-from iolspi_ros.errors import InputError, check_range
+from iolspi_ros.cli.progress import bar, console, yardstick
+from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.errors import InputError
 
 if TYPE_CHECKING:
     from iolspi_ros.core.online import OnlineLSPI
@@ -29,7 +30,8 @@ def learn(
         Optional[list[Path]],
         typer.Option(help="Bag to learn from first; give it again for more bags."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
+    seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
+    episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the vehicle and the learner.")] = 0,
     config: Annotated[
         Optional[Path], typer.Option(help="Parameter file; config/TASK.yaml by default.")
@@ -47,25 +49,23 @@ def learn(
     from sim_nodes.tasks import task_class
 
     task_class(task)
-    check_range("--seconds", seconds, 0.0, 1e6)
     start = time.monotonic()
     file = config or resources.find("config", f"{task}.yaml")
     world, learner = prepare(task, file, seed)
     vehicle, settings = world.task, learner.settings
-    episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
-    least = vehicle.dt * math.ceil(settings.update_interval / vehicle.episode_steps)
-    least *= vehicle.episode_steps
-    if not demos and episodes * vehicle.episode_steps < settings.update_interval:
+    count = episodes_to_fly(vehicle, seconds, episodes, 0)
+    least = math.ceil(settings.update_interval / vehicle.episode_steps)
+    if not demos and count < least:
         raise InputError(
-            f"--seconds {seconds:g} is less than one update and there are no --demos: nothing "
-            f"would be learned; allowed: at least {least:g}"
+            f"{count} episodes are less than one update and there are no --demos: nothing would "
+            f"be learned; allowed: at least {least}"
         )
     resources.make_folder(out)
     history = History(vehicle.dt)
     transitions = _inform(learner, history, vehicle, demos) if demos else None
     try:
-        with bar("learning online [episodes]", episodes) as show:
-            train(world, learner, episodes, remember(history, learner, show))
+        with bar("learning online [episodes]", count) as show:
+            train(world, learner, count, remember(history, learner, show))
     except KeyboardInterrupt:
         console.print("interrupted; what was learned so far is kept")
     checkpoint.save(out / "checkpoint.npz", learner, task)
@@ -73,16 +73,18 @@ def learn(
         raise KeyboardInterrupt  # before the first update: there is nothing to report
     extra = {"wall_seconds": round(time.monotonic() - start, 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
-    with console.status("computing the near-optimal policy and the literal algorithm, drawing …"):
+    best = yardstick(vehicle)
+    with console.status("flying the literal algorithm beside, drawing …"):
         beside = None
         if not learner.literal:
             beside = literal_beside(task, file, seed, transitions, len(history.scores))
         summary = report.finish(
-            out, f"Learning the {task}", lead, vehicle, learner.features, history, extra, beside
-        )
+            out, f"Learning the {task.replace('_', ' ')}", lead, vehicle, learner.features, history,
+            best, extra, beside,
+        )  # fmt: skip
     console.print(
-        f"Cost {summary['ratio_to_near_optimal']:.3f} times the near-optimal one, "
-        f"{summary['upright_fraction']:.0%} of the starts end upright. "
+        f"{summary['ratio_to_near_optimal']:.3f} {report.near_optimal_words(summary)}, "
+        f"{summary['success_fraction']:.0%} of the starts {vehicle.success}. "
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
 from iolspi_ros.experiments import cache
+from iolspi_ros.experiments.history import Episode
 from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
@@ -86,6 +87,30 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     history = np.stack(states)
     succeeded = task.succeeded(history, np.stack(rewards))
     return Evaluation(history, np.stack(actions), total, succeeded)
+
+
+def succeeded(task: Task, episodes: Sequence[Episode]) -> NDArray[np.bool_]:
+    """Whether each of some whole episodes reached the goal; one that ended early stays there.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_episodes,)
+    """
+    length = task.episode_steps + 1
+    states = np.empty((length, len(episodes), len(task.low)))
+    rewards = np.zeros((length, len(episodes)))
+    for number, episode in enumerate(episodes):
+        count = len(episode.states)
+        states[:count, number] = episode.states
+        states[count:, number] = episode.states[-1]
+        rewards[:count, number] = episode.rewards
+    return task.succeeded(states, rewards[1:])
+
+
+def endings(task: Task, episodes: Sequence[Episode]) -> NDArray[np.int64]:
+    """Which of the task's endings each of some whole episodes came to, shape (n_episodes,)."""
+    rewards = np.array([episode.rewards[-1] for episode in episodes])
+    return task.ending(rewards, np.array([episode.terminated for episode in episodes], bool))
 
 
 def near_optimal_policy(

@@ -13,7 +13,7 @@ from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.experiments.compiled import fly
-from iolspi_ros.experiments.history import History, Policy
+from iolspi_ros.experiments.history import Episode, History, Policy
 from iolspi_ros.settings import from_mapping
 from sim_nodes.tasks import make_task
 from sim_nodes.world import World, WorldSettings
@@ -95,9 +95,9 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
     def observed(observation: Observation, action: int, source: Source) -> None:
         if observation.step == 0:
-            history.episodes.append([])
+            history.episodes.append(Episode())
             history.scores.append(0.0)
-        history.episodes[-1].append(observation.state)
+        history.episodes[-1].take(observation)
         history.scores[-1] += observation.reward
         if observation.last:
             show(len(history.episodes))

@@ -27,7 +27,7 @@ from iolspi_ros.core.lspi import STATUSES
 from iolspi_ros.core.refresh import Judgement
 from iolspi_ros.core.samples import Array, Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.experiments.history import History, Policy
+from iolspi_ros.experiments.history import Episode, History, Policy
 from iolspi_ros.nodes import runtime
 from iolspi_ros.pairing import Pairer
 from sim_nodes.tasks.base import Task
@@ -46,8 +46,7 @@ class Monitor(Node):
     def __init__(self, task: Task, bag: BagWriter | None = None) -> None:
         super().__init__("monitor")
         self.demonstrated: list[Array] = []
-        self.episodes: list[list[Array]] = []
-        self.rewards: list[list[float]] = []
+        self.episodes: list[Episode] = []
         self.scores: list[float] = []
         self._offline = ""
         self.missed = 0  # observations that did not reach this recorder
@@ -57,7 +56,6 @@ class Monitor(Node):
         self._bag = bag
         self._stamp = 0
         self._newest = (-1, -1)
-        self._states: list[Array] = []
         self._episode = -1
         self._ended = 0
         self._weights: dict[int, Array] = {}
@@ -197,7 +195,6 @@ class Monitor(Node):
             scores=self.scores[:learned],
             policies=policies,
             shown=self.episodes[learned:],
-            shown_rewards=self.rewards[learned:],
             offline=self._offline,
         )
 
@@ -233,13 +230,9 @@ class Monitor(Node):
             return  # repeated
         self._newest = key
         if observation.episode != self._episode:
-            self._episode, self._states = observation.episode, []
-            self.episodes.append(self._states)
-            self.rewards.append([])
-        gap = observation.step - len(self._states)
-        self.missed += gap
-        self._states += [observation.state] * (gap + 1)
-        self.rewards[-1] += [observation.reward] * (gap + 1)
+            self._episode = observation.episode
+            self.episodes.append(Episode())
+        self.missed += self.episodes[-1].take(observation)
         self._ended = self._ended + observation.last
 
     def _on_sample(self, message: Any) -> None:
