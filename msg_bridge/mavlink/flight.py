@@ -17,14 +17,14 @@ from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink import setpoints
 from msg_bridge.mavlink.authority import Commander, Situation, Timeouts, Verdict, decide
 from msg_bridge.mavlink.convert import Track
+from msg_bridge.mavlink.drop import Drop
 from msg_bridge.mavlink.envelope import Limits, Motion, violation
 from msg_bridge.mavlink.episode import Episode
-from msg_bridge.mavlink.gripper import Gripper
 from msg_bridge.mavlink.link import Link
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import Profile
-from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.setpoints import Push, Stay, Wish
+from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.sight import Sight
 from msg_bridge.mavlink.steering import Steering
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
@@ -36,7 +36,7 @@ Say = Callable[[str, str], None]
 _AGAIN = 1.0  # between two requests of the same [s]
 _SLOW = 0.3  # a vehicle below this has stopped [m/s]
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
-_FALL_TIME = 2.0  # longest that a load is watched after it was let go [s]
+_STILL = 0.2  # so long after the end it does not begin to look for the next start [s]
 _PROBE = 1.0  # between two episodes that nobody has answered [s]
 _COMPLAIN = 20.0  # between two words about what does not come about [s]
 
@@ -76,7 +76,7 @@ class Flight:
         self.sight = Sight(
             link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
         )
-        self._gripper = Gripper(link, profile, settings)
+        self._drop = Drop(task, link, profile, settings, self.sight)
         self._steering = Steering(task, profile, settings, limits, self.sight)
         self._lock = threading.RLock()
         self.phase, self.verdict = Phase.IDLE, Verdict(Commander.NOBODY, "not begun")
@@ -88,7 +88,7 @@ class Flight:
         """Of a person who has taken over, from -1 to 1."""
         self._number = -1
         self._since = self._last = self._asked = self._complained = 0.0
-        self._settled = self._probe = self._released = self._text = 0.0
+        self._settled = self._probe = self._text = 0.0
         self._alone = 0.0
         self._target = 0.0
         self.reset()
@@ -128,11 +128,17 @@ class Flight:
                 return False
             self._alone = 0.0
             if action == RELEASE and self._decide(now).commander is Commander.ACTOR:
-                self._release(now)
+                self._drop.begin(self._state(), self.motion, now)
+                self._enter(Phase.FALL, now)
             self._fly(now)
             return True
 
     # ------------------------------------------------------------ every tick
+
+    def listen(self, now: float) -> None:
+        """Take what has come."""
+        with self._lock:
+            self.link.poll(now)
 
     def tick(self, now: float) -> None:
         """Take what has come, decide, move on, and send a setpoint."""
@@ -291,12 +297,11 @@ class Flight:
             and abs(m.height - self.settings.height) < 0.6
             and abs(m.swing) < swing and abs(m.swing_rate) < 3.0 * swing
         )  # fmt: skip
-        if not there:
+        if not there or not self.deadman:
             self._settled = now
             self._complain(now, f"settling at x = {self._target:.1f} m, {_words(m)}")
         elif now - self._settled >= self.settings.settle_time and now >= self._probe:
-            if self.deadman:
-                self._start(now)
+            self._start(now)
 
     def _start(self, now: float) -> None:
         self._number += 1
@@ -321,64 +326,29 @@ class Flight:
         self._begun += 1
         self._enter(Phase.BRAKE, now)
 
-    def _release(self, now: float) -> None:
-        """Let the load go, now; where it lands is watched from here on."""
-        self._gripper.turn(open_it=True, now=now)
-        self._released = now
-        self._let_go_at = self._state()
-        self.sight.let_go(self.motion, self.task.rim)
-        self._enter(Phase.FALL, now)
-
     def _falling(self, now: float) -> None:
-        self._gripper.tick(now)
-        reward = self._landed(now)
+        reward = self._drop.reward(now)
         if reward is not None and self.episode is not None:
-            observation = self.episode.dropped(now, self._let_go_at, RELEASE, reward)
+            observation = self.episode.dropped(now, self._drop.state, RELEASE, reward)
             self._show(self._stamped(observation, now))
             self._ended(now)
-            return
-        refusal = self._gripper.refusal(now)
-        if not refusal and now - self._released > _FALL_TIME:
-            refusal = "the load was let go, it says, but hangs there still"
-        if refusal:
-            self._say("warning", refusal)
-            if self.sight.hangs():
-                self.sight.fall = None
+        elif failure := self._drop.failure(now):
+            self._say("warning", failure)
             self._give_up(now)
 
-    def _landed(self, now: float) -> float | None:
-        """The task's reward for where the load came down; None while that is open."""
-        fall = self.sight.fall
-        if not self.sight.feed:
-            answered = self._gripper.result() is not None and not self._gripper.refusal(now)
-            return float(self.task.step(self._let_go_at, RELEASE)[1]) if answered else None
-        if fall is None or self.sight.hangs():
-            return None
-        if fall.landing is None and fall.lowest > fall.plane:
-            return None
-        return self.task.landed(fall.landing)
-
     def _braking(self, now: float) -> None:
-        if abs(self.motion.speed) < _SLOW and now - self._since > 0.2:
-            if self.sight.fall is None:
-                self._next_start(now)
-            else:
+        if abs(self.motion.speed) < _SLOW and now - self._since > _STILL:
+            if self._drop.needed:
+                self._drop.reload(now)
                 self._enter(Phase.RELOAD, now)
-                self._gripper.turn(open_it=False, now=now)
+            else:
+                self._next_start(now)
 
     def _reloading(self, now: float) -> None:
-        self._gripper.tick(now)
-        fresh = self.link.telemetry.load_time > self._since + 0.2
-        if (
-            self._gripper.result() is not None
-            and self.sight.hangs()
-            and (fresh or not self.sight.feed)
-        ):
-            self.sight.loaded()
+        if self._drop.reloaded(now):
             self._next_start(now)
-        elif now - self._since > 5.0:
-            why = self._gripper.refusal(now) or "no load is seen on the cable"
-            self._complain(now, f"waiting for a load: {why}")
+        elif lacking := self._drop.lacking(now):
+            self._complain(now, f"waiting for a load: {lacking}")
 
     def _landing(self, now: float) -> None:
         t = self.link.telemetry
@@ -404,9 +374,7 @@ class Flight:
         return float(self.task.actions[action])
 
     def _send(self, wish: Wish, now: float) -> None:
-        if isinstance(wish, Push):
-            wish = wish._replace(height=self.sight.up(wish.height))
-        elif isinstance(wish, Stay):
+        if isinstance(wish, Push | Stay):
             wish = wish._replace(height=self.sight.up(wish.height))
         try:
             message = setpoints.packet(wish, self.profile, self._track, self.link.target, now)

@@ -26,7 +26,7 @@ RATES = {
     dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 5.0,
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 5.0,
 }
-"""What is asked for [Hz]. PX4 stays at one heartbeat a second, and who has not a message refuses."""
+"""What is asked for [Hz]. PX4 stays at one heartbeat a second; what one has not, it refuses."""
 
 _HOST = 1.0  # between our heartbeats [s]
 

@@ -86,7 +86,7 @@ class LoadObserver:
 
 
 def swing(offset: Array) -> float:
-    """Angle of the cable [rad] from (along, across, up) of the load, seen from the quadrotor [m]."""
+    """Angle of the cable [rad] from (along, across, up) of the load, from the quadrotor [m]."""
     return math.atan2(float(offset[0]), -float(offset[2]))
 
 

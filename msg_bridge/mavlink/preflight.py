@@ -48,6 +48,8 @@ class Preflight:
         File that remembers the parameters as they were.
     tell : callable
         Takes each line of the checklist as it is found.
+    going_on : callable
+        False when it should stop waiting.
     """
 
     def __init__(
@@ -58,9 +60,10 @@ class Preflight:
         now: Callable[[], float],
         kept: Path,
         tell: Callable[[Item], None],
+        going_on: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link, self._settings, self._flight = link, settings, flight
-        self._now, self._kept, self._tell = now, kept, tell
+        self._now, self._kept, self._tell, self._going_on = now, kept, tell, going_on
 
     def run(self) -> Profile:
         """Go through the list.
@@ -142,6 +145,8 @@ class Preflight:
         return "; " + "; ".join(words) if words else ""
 
     def _listen(self) -> None:
+        if not self._going_on():
+            raise InputError("interrupted")
         self._link.wait(0.02)
         self._link.poll(self._now())
 
@@ -149,10 +154,12 @@ class Preflight:
 
     def _change(self, profile: Profile) -> None:
         """Set what has to be, after writing down what was."""
-        before = self._remembered()
+        remembered, before = self._remembered(), {}
         for change in profile.changes:
             value, _ = self._read(profile, change.name)
-            before.setdefault(change.name, value)
+            # Ours still: a bridge that was killed set it, and wrote down what was before.
+            ours = _same(value, change.value)
+            before[change.name] = remembered.get(change.name, value) if ours else value
         with atomic_file(self._kept) as file:
             file.write(json.dumps(before, indent=1).encode() + b"\n")
         for change in profile.changes:
@@ -211,8 +218,8 @@ class Preflight:
         pace = (t.boot - boot) / (time.monotonic() - start)
         if not abs(pace / factor - 1.0) < _WRONG:
             raise InputError(
-                f"the autopilot's clock goes {pace:.2f} times as fast as ours, and real_time_factor "
-                f"is {factor:g}; allowed: the same, and 1.0 for all that really flies"
+                f"the autopilot's clock goes {pace:.2f} times as fast as ours, but "
+                f"real_time_factor is {factor:g}; allowed: the same; 1.0 for all that really flies"
             )
         self._tell(Item("clock", f"{pace:.2f} times ours"))
 

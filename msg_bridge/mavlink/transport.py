@@ -17,7 +17,7 @@ _SIZE = 65_535  # of the largest UDP datagram [bytes]
 
 
 class Transport(Protocol):
-    """A way to one autopilot. Nothing here blocks but `wait`, and nothing raises when it is gone."""
+    """A way to one autopilot. Nothing blocks but `wait`; nothing raises when it is gone."""
 
     def wait(self, seconds: float) -> None:
         """Return when something can be read, or after so long [s]."""
