@@ -123,7 +123,7 @@ class Simulator(Node):
         self._observation = observation = observation._replace(stamp=stamp)
         time_now = self._clock_message.clock
         time_now.sec, time_now.nanosec = wire.split(stamp)
-        self._topics.show(self.world.task, observation)
+        self._topics.show(self.world.task.joints, observation)
         self._publish()
 
     def _repeat(self) -> None:
@@ -142,7 +142,7 @@ class Simulator(Node):
     # ------------------------------------------------------------ what comes in
 
     def _on_action(self, message: Any) -> None:
-        answer = self._topics.read(self.world.task, message)
+        answer = self._topics.read(len(self.world.task.actions), message)
         if answer is None or self._paused or self._done or answer.episode != self._episode:
             return
         if self.settings.mode == "lockstep":

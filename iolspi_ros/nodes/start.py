@@ -12,6 +12,7 @@ NODES = {
     "simulator": "sim_nodes.simulator",
     "demonstrator": "iolspi_ros.nodes.demonstrator",
     "learner": "iolspi_ros.nodes.learner",
+    "bridge": "msg_bridge.mavlink.node",
 }
 
 
@@ -50,6 +51,11 @@ def demonstrator() -> int:
 def learner() -> int:
     """Run the learner."""
     return start("learner")
+
+
+def bridge() -> int:
+    """Run the bridge."""
+    return start("bridge")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -12,7 +13,6 @@ from iolspi_ros import qos, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes import runtime
-from sim_nodes.tasks.base import Task
 
 
 class Answer(NamedTuple):
@@ -40,9 +40,9 @@ class VehicleTopics:
         self._state_message, self._reward_message = JointState(), Float64MultiArray()
         self.ignored = 0
 
-    def show(self, task: Task, observation: Observation) -> None:
+    def show(self, joints: Sequence[str], observation: Observation) -> None:
         """Make an observation the one that is published."""
-        wire.fill_state(self._state_message, task.joints, observation.state, observation.stamp)
+        wire.fill_state(self._state_message, joints, observation.state, observation.stamp)
         self._reward_message = self._reward_rows.of(observation)
 
     def publish(self) -> None:
@@ -50,13 +50,13 @@ class VehicleTopics:
         runtime.publish(self._state_out, self._state_message)
         runtime.publish(self._reward_out, self._reward_message)
 
-    def read(self, task: Task, message: Any) -> Answer | None:
+    def read(self, n_actions: int, message: Any) -> Answer | None:
         """What a message on `action` says; None, and a word to people, when it says nothing."""
         try:
             episode, step, _, _, value, _ = self._action_rows.read(message)
             action = wire.whole(value)
-            if not 0 <= action < len(task.actions):
-                raise InputError(f"action is {value}; allowed: 0 to {len(task.actions) - 1}")
+            if not 0 <= action < n_actions:
+                raise InputError(f"action is {value}; allowed: 0 to {n_actions - 1}")
         except InputError as error:
             self.ignored += 1
             self._node.get_logger().warning(

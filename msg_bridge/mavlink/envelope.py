@@ -121,14 +121,15 @@ def limit(limits: Limits, wanted: float, motion: Motion, before: float, dt: floa
 def violation(limits: Limits, motion: Motion) -> str:
     """What is beyond the envelope, in words; empty inside. NaN is beyond it."""
     low, high = limits.box
-    for name, value, least, most, unit in (
+    checks: tuple[tuple[str, float, float, float, str], ...] = (
         ("x", motion.x, low, high, "m"),
         ("distance from the track", abs(motion.across), 0.0, limits.corridor, "m"),
-        ("height", motion.height, *limits.heights, "m"),
+        ("height", motion.height, limits.heights[0], limits.heights[1], "m"),
         ("speed", abs(motion.speed), 0.0, 1.15 * limits.speed, "m/s"),
         ("tilt", motion.tilt, 0.0, limits.tilt, "rad"),
         ("swing", abs(motion.swing), 0.0, limits.swing, "rad"),
-    ):
+    )
+    for name, value, least, most, unit in checks:
         if not least <= value <= most:
             return f"{name} is {value:.2f} {unit}; allowed: {least:g} to {most:g}"
     return ""

@@ -86,21 +86,28 @@ class Flight:
         self.paused, self.deadman = False, True
         self.stick: float | None = None
         """Of a person who has taken over, from -1 to 1."""
-        self._number = -1
+        self.number = -1
         self._since = self._last = self._asked = self._complained = 0.0
         self._settled = self._probe = self._text = 0.0
         self._alone = 0.0
         self._target = 0.0
-        self.reset()
+        self._begun = 0
+        self._rng = np.random.default_rng([settings.seed, 3])
+
+    @property
+    def step(self) -> int:
+        """Of the newest state; -1 between episodes."""
+        return -1 if self.episode is None else self.episode.step
 
     # ------------------------------------------------------------ told from outside
 
-    def reset(self) -> None:
+    def reset(self, now: float, task: SlungLoad, settings: FlightSettings) -> None:
         """Count episodes and draw initial positions from the beginning."""
         with self._lock:
-            self._rng = np.random.default_rng([self.settings.seed, 3])
-            self.flown = 0
+            self.task, self.settings = task, settings
+            self._rng = np.random.default_rng([settings.seed, 3])
             self._begun = 0
+            self._give_up(now)
 
     def begin(self, now: float) -> None:
         """Take off, as soon as the vehicle lets us."""
@@ -304,9 +311,9 @@ class Flight:
             self._start(now)
 
     def _start(self, now: float) -> None:
-        self._number += 1
+        self.number += 1
         state = self._state()
-        self.episode = Episode(self.task, self._number, now, state)
+        self.episode = Episode(self.task, self.number, now, state)
         self._steering.rest()
         self._enter(Phase.EPISODE, now)
         self._show(self._stamped(self.episode.first(), now))

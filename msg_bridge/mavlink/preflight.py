@@ -21,7 +21,7 @@ from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import parameter_value
 
 _AGAIN = 0.3  # between two requests of the same [s] of wall time
-_ANSWER = 5.0  # for a parameter [s]
+_ANSWER = 3.0  # for a parameter [s]
 _CLOSE = 1e-5  # relative difference that a float of 32 bits may make
 _RUN = 2.0  # over which the autopilot's clock is measured [s]
 _WRONG = 0.25  # relative error of its speed that is no chance
@@ -87,6 +87,7 @@ class Preflight:
 
     def restore(self, profile: Profile) -> list[str]:
         """Give the autopilot its parameters back; what could not be given back."""
+        self._going_on = lambda: True  # also when it is a signal that ends the bridge
         before = self._remembered()
         failed = []
         for name, value in before.items():

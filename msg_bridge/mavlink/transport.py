@@ -120,11 +120,9 @@ class Tcp:
         """Return when something can be read, or after so long [s]."""
         if self._socket is None:
             self._connect()
-        seconds = max(seconds, 0.0)
-        if self._connected:
-            select.select([self._socket], [], [], seconds)
-        else:
-            select.select([], [self._socket] if self._socket else [], [], seconds)
+        ends = [] if self._socket is None else [self._socket]
+        readable, writable = (ends, []) if self._connected else ([], ends)
+        select.select(readable, writable, [], max(seconds, 0.0))
 
     def read(self) -> bytes:
         """What has come."""
