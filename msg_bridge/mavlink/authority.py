@@ -56,6 +56,9 @@ class Timeouts(Settings):
     load_timeout: float = setting(
         0.5, "hold when the load was not heard of for this long [s]", low=0.05, high=10.0
     )
+    round_trip_limit: float = setting(
+        0.4, "hold when the way to the autopilot and back takes longer [s]", low=0.01, high=10.0
+    )
     joy_timeout: float = setting(
         0.5, "a stick that was not heard for this long [s] is not there", low=0.05, high=10.0
     )
@@ -74,6 +77,8 @@ class Situation(NamedTuple):
         By its last heartbeat; in the mode in which it obeys setpoints.
     lost : float
         For how long the autopilot has not known where it is.
+    round_trip : float
+        To the autopilot and back.
     load_age : float
         Since the load was heard of; zero when its swing is estimated.
     episode : bool
@@ -97,6 +102,7 @@ class Situation(NamedTuple):
     armed: bool = True
     controlled: bool = True
     lost: float = 0.0
+    round_trip: float = 0.0
     load_age: float = 0.0
     episode: bool = False
     action_age: float = 0.0
@@ -133,6 +139,10 @@ def decide(s: Situation, timeouts: Timeouts) -> Verdict:
         return Verdict(Commander.HOLD, f"envelope: {s.violation}")
     if s.jumped:
         return Verdict(Commander.HOLD, "the autopilot's clock has jumped")
+    if s.round_trip > timeouts.round_trip_limit:
+        return Verdict(
+            Commander.HOLD, f"the link is slow: over {timeouts.round_trip_limit:g} s there and back"
+        )
     if s.paused:
         return Verdict(Commander.HOLD, "paused")
     if s.load_age > timeouts.load_timeout:

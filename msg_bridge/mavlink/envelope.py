@@ -15,6 +15,8 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 
 _G = 9.81  # [m/s²]
+_ROOM = 0.3  # that braking leaves to the end of the box [m]
+_SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
 
 class Motion(NamedTuple):
@@ -56,7 +58,7 @@ class Limits(Settings):
     acceleration: float = setting(3.0, "greatest acceleration [m/s^2]", low=0.1, high=20.0)
     braking: float = setting(2.0, "deceleration counted on at the box [m/s^2]", low=0.1, high=20.0)
     tilt: float = setting(0.8, "greatest tilt [rad]", low=0.05, high=1.5)
-    swing: float = setting(1.35, "greatest angle of the cable [rad]", low=0.05, high=1.57)
+    swing: float = setting(1.45, "greatest angle of the cable [rad]", low=0.05, high=1.57)
     jerk: float = setting(80.0, "greatest change of acceleration [m/s^3]", low=1.0, high=1e4)
     response: float = setting(
         0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
@@ -149,8 +151,8 @@ def _speed_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
 def _box_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
     """So that after the response time braking still ends inside the box."""
     low, high = limits.box
-    upper = _stopping_bound(limits, high - motion.x, motion.speed)
-    lower = -_stopping_bound(limits, motion.x - low, -motion.speed)
+    upper = _stopping_bound(limits, high - _ROOM - motion.x, motion.speed)
+    lower = -_stopping_bound(limits, motion.x - low - _ROOM, -motion.speed)
     return lower, upper
 
 
@@ -176,7 +178,7 @@ def _swing_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
     """
     gravity = _G / limits.cable
     energy = 0.5 * motion.swing_rate**2 + gravity * (1.0 - math.cos(motion.swing))
-    most = gravity * (1.0 - math.cos(0.9 * limits.swing))
+    most = gravity * (1.0 - math.cos(_SWING_SHARE * limits.swing))
     gain = -motion.swing_rate * math.cos(motion.swing) / limits.cable
     room = (most - energy) / limits.response
     if abs(gain) < 1e-6:

@@ -193,6 +193,7 @@ class Flight:
             armed=t.armed,
             controlled=t.mode == self.profile.controlled,
             lost=max(now - t.lost_time, 0.0),
+            round_trip=t.round_trip,
             load_age=self.sight.load_age(now) if hanging else 0.0,
             episode=episode,
             action_age=now - answered,
@@ -410,6 +411,7 @@ class Flight:
                 "autopilot": f"{self.profile.name}, {self.profile.mode_name(t.mode)}, "
                 + ("armed" if t.armed else "disarmed"),
                 "load": "reported by its own system" if self.sight.feed else "estimated",
+                "round trip [s]": round(t.round_trip, 4),
                 "episodes flown": self.flown,
                 "episodes abandoned": self.abandoned,
                 "envelope left": self.violations,

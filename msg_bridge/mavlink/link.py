@@ -28,7 +28,8 @@ RATES = {
 }
 """What is asked for [Hz]. PX4 stays at one heartbeat a second; what one has not, it refuses."""
 
-_HOST = 1.0  # between our heartbeats [s]
+_BEAT = 1.0  # between our heartbeats [s]
+_SYNC = 0.5  # between two measurements of the round trip [s]
 
 
 class Link:
@@ -55,7 +56,7 @@ class Link:
         self._file = None if log is None else log.open("wb")
         self.codec = Codec(SYSTEM, COMPONENT, key, self._file)
         self._lock = threading.Lock()
-        self._beat = -_HOST
+        self._beat = self._sync = -_BEAT
         self.sent = 0
 
     @property
@@ -86,7 +87,7 @@ class Link:
                 ours |= self.telemetry.take(message, now)
             if ours:
                 self._transport.keep()
-        if now - self._beat >= _HOST:
+        if now - self._beat >= _BEAT:
             self._beat = now
             self.send(
                 dialect.MAVLink_heartbeat_message(
@@ -94,6 +95,9 @@ class Link:
                     dialect.MAV_STATE_ACTIVE, 3,
                 )
             )  # fmt: skip
+        if now - self._sync >= _SYNC:
+            self._sync = now
+            self.send(dialect.MAVLink_timesync_message(0, int(now * 1e9)))
 
     def send(self, message: Any) -> bool:
         """Send a message; False when it could not be."""

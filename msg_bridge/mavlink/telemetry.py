@@ -57,6 +57,7 @@ class Telemetry:
     flags: int | None = None
     lost_time: float = math.inf
     landed: bool | None = None
+    round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=3))
     load_offset: Array = field(default_factory=lambda: np.full(3, np.nan))
     load_time: float = NEVER
     jump_time: float = NEVER
@@ -79,6 +80,11 @@ class Telemetry:
             return False
         needed = _ATTITUDE | _VELOCITY
         return bool(self.flags & needed == needed and self.flags & (_RELATIVE | _ABSOLUTE))
+
+    @property
+    def round_trip(self) -> float:
+        """To the autopilot and back, the median of the last three [s]; zero when none came back."""
+        return sorted(self.round_trips)[len(self.round_trips) // 2] if self.round_trips else 0.0
 
     def take(self, message: Any, now: float) -> bool:
         """Take a message; False when it comes from nobody who matters here."""
@@ -151,6 +157,11 @@ class Telemetry:
         else:
             self.lost_time = min(self.lost_time, now)
 
+    def _timesync(self, message: Any, now: float) -> None:
+        passed = now - message.ts1 * 1e-9
+        if message.tc1 and 0.0 <= passed < 60.0:  # else it is a question, or no answer to us
+            self.round_trips.append(passed)
+
     def _extended(self, message: Any, now: float) -> None:
         if message.landed_state != dialect.MAV_LANDED_STATE_UNDEFINED:
             self.landed = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
@@ -199,6 +210,7 @@ _OF_VEHICLE: dict[str, Callable[[Telemetry, Any, float], None]] = {
     "EKF_STATUS_REPORT": Telemetry._estimator,
     "ESTIMATOR_STATUS": Telemetry._estimator,
     "EXTENDED_SYS_STATE": Telemetry._extended,
+    "TIMESYNC": Telemetry._timesync,
     "STATUSTEXT": Telemetry._text,
     "COMMAND_ACK": Telemetry._ack,
     "PARAM_VALUE": Telemetry._parameter,
