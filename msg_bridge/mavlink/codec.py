@@ -68,8 +68,20 @@ class Codec:
         self._keep(data)
         return data
 
-    def read(self, data: bytes) -> Iterator[Any]:
-        """Messages that bytes complete; what is no good packet is counted and dropped."""
+    def read(self, data: bytes, *, whole: bool = False) -> Iterator[Any]:
+        """Messages that bytes complete; what is no good packet is counted and dropped.
+
+        Parameters
+        ----------
+        data : bytes
+        whole : bool
+            They are whole packets: what is left of those before is forgotten, so that a broken
+            one cannot swallow the next.
+        """
+        if whole and self._parser.buf_len():
+            self._parser.buf, self._parser.buf_index = bytearray(), 0
+            self._parser.expected_length = dialect.HEADER_LEN_V1 + 2
+            self.rejected += 1
         for message in self._parser.parse_buffer(data) or ():
             kind = message.get_type()
             if kind == "BAD_DATA":

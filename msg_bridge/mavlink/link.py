@@ -82,7 +82,7 @@ class Link:
                 break
             ours = False
             with self._lock:
-                messages = list(self.codec.read(data))
+                messages = list(self.codec.read(data, whole=self._transport.datagrams))
             for message in messages:
                 ours |= self.telemetry.take(message, now)
             if ours:

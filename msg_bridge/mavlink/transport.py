@@ -19,6 +19,9 @@ _SIZE = 65_535  # of the largest UDP datagram [bytes]
 class Transport(Protocol):
     """A way to one autopilot. Nothing blocks but `wait`; nothing raises when it is gone."""
 
+    datagrams: bool
+    """What is read at once are whole packets."""
+
     def wait(self, seconds: float) -> None:
         """Return when something can be read, or after so long [s]."""
         ...
@@ -54,6 +57,8 @@ class Udp:
     listen : bool
         Wait at the address rather than call it.
     """
+
+    datagrams = True
 
     def __init__(self, host: str, port: int, *, listen: bool) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -110,6 +115,8 @@ class Udp:
 
 class Tcp:
     """A TCP connection that is made again when it breaks."""
+
+    datagrams = False
 
     def __init__(self, host: str, port: int) -> None:
         self._address = (host, port)
@@ -184,6 +191,8 @@ class Tcp:
 
 class Serial:
     """A serial line."""
+
+    datagrams = False
 
     def __init__(self, device: str, baud: int) -> None:
         import serial  # pyserial
