@@ -17,6 +17,7 @@ FLYING = Situation(episode=True)
         ({"action_age": 0.299}, Commander.NEUTRAL),
         ({"action_age": 0.301}, Commander.HOLD),
         ({"alone": 61.0}, Commander.LAND),
+        ({"silence": 0.5}, Commander.HOLD),
         ({"telemetry_age": 0.5}, Commander.HOLD),
         ({"telemetry_age": math.inf}, Commander.HOLD),
         ({"load_age": 0.6}, Commander.HOLD),
@@ -42,10 +43,11 @@ def test_each_cause_alone(changed, commander):
 
 ABOVE = [
     ({"active": False}, Commander.NOBODY),
-    ({"telemetry_age": 9.0}, Commander.HOLD),
+    ({"silence": 9.0}, Commander.HOLD),
     ({"armed": False}, Commander.OTHER),
     ({"controlled": False}, Commander.OTHER),
     ({"lost": 9.0}, Commander.LAND),
+    ({"telemetry_age": 9.0}, Commander.HOLD),
     ({"pilot": True}, Commander.PILOT),
     ({"violation": "x"}, Commander.HOLD),
     ({"alone": 99.0}, Commander.LAND),

@@ -1,5 +1,7 @@
 """Whole flights of the embedded autopilot, faster than real time."""
 
+import itertools
+
 import numpy as np
 import pytest
 from flying import Flying
@@ -18,7 +20,7 @@ def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
         assert not f.broken
         assert f.body()[0][2] < 0.1
         steps = [seen for _, seen in f.seen]
-        for before, after in zip(steps, steps[1:], strict=False):
+        for before, after in itertools.pairwise(steps):
             assert after.stamp > before.stamp
             if before.episode == after.episode and not after.last:
                 assert after.step > before.step

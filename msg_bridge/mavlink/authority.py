@@ -47,7 +47,7 @@ class Timeouts(Settings):
         60.0, "land when nobody has answered for this long [s]", low=1.0, high=1e6
     )
     telemetry_timeout: float = setting(
-        0.4, "hold when no position was heard for this long [s]", low=0.05, high=10.0
+        0.4, "hold when nothing, or no position, was heard for this long [s]", low=0.05, high=10.0
     )
     estimator_timeout: float = setting(
         1.0, "land when the autopilot has not known where it is for this long [s]",
@@ -71,8 +71,10 @@ class Situation(NamedTuple):
     ----------
     active : bool
         The node is active and has begun to fly.
+    silence : float
+        Since the vehicle was heard at all.
     telemetry_age : float
-        Since the last position of the vehicle.
+        Since its last position.
     armed, controlled : bool
         By its last heartbeat; in the mode in which it obeys setpoints.
     lost : float
@@ -98,6 +100,7 @@ class Situation(NamedTuple):
     """
 
     active: bool = True
+    silence: float = 0.0
     telemetry_age: float = 0.0
     armed: bool = True
     controlled: bool = True
@@ -125,14 +128,16 @@ def decide(s: Situation, timeouts: Timeouts) -> Verdict:
     """Who commands in a situation."""
     if not s.active:
         return Verdict(Commander.NOBODY, "not active")
-    if s.telemetry_age > timeouts.telemetry_timeout:
-        return Verdict(Commander.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
+    if s.silence > timeouts.telemetry_timeout:
+        return Verdict(Commander.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
     if not s.armed:
         return Verdict(Commander.OTHER, "the vehicle was disarmed")
     if not s.controlled:
         return Verdict(Commander.OTHER, "somebody changed the mode")
     if s.lost > timeouts.estimator_timeout:
         return Verdict(Commander.LAND, "the autopilot has lost its position estimate")
+    if s.telemetry_age > timeouts.telemetry_timeout:
+        return Verdict(Commander.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
     if s.pilot:
         return Verdict(Commander.PILOT, "a person has taken over")
     if s.violation:

@@ -189,6 +189,7 @@ class Flight:
         hanging = self.phase in (Phase.FERRY, Phase.EPISODE)
         answered = self.episode.answered_time if self.episode is not None else now
         return Situation(
+            silence=now - t.heard_time,
             telemetry_age=now - t.position_time,
             armed=t.armed,
             controlled=t.mode == self.profile.controlled,

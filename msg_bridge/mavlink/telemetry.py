@@ -48,7 +48,7 @@ class Telemetry:
     autopilot: int | None = None
     mode: int = -1
     armed: bool = False
-    heartbeat_time: float = NEVER
+    heard_time: float = NEVER
     position: Array = field(default_factory=lambda: np.full(3, np.nan))
     velocity: Array = field(default_factory=lambda: np.full(3, np.nan))
     acceleration: Array = field(default_factory=lambda: np.zeros(3))
@@ -90,6 +90,7 @@ class Telemetry:
         """Take a message; False when it comes from nobody who matters here."""
         system = message.get_srcSystem()
         if system == self.system:
+            self.heard_time = now
             handle = _OF_VEHICLE.get(message.get_type())
         elif system == self.load_system:
             handle = _OF_LOAD.get(message.get_type())
@@ -112,7 +113,6 @@ class Telemetry:
         self.autopilot = message.autopilot
         self.mode = message.custom_mode
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.heartbeat_time = now
 
     def _local(self, message: Any, now: float) -> None:
         position, velocity = convert.local_position(message)
