@@ -77,7 +77,7 @@ class Preflight:
         self._change(profile)
         self._wait(
             lambda: self._link.telemetry.ready,
-            "a position estimate: the autopilot does not know where it is",
+            "position estimate: the autopilot does not know where it is",
             self._link.ask_rates,
         )
         self._tell(Item("position estimate", "good"))
@@ -103,7 +103,7 @@ class Preflight:
 
     def _who(self) -> Profile:
         t, s = self._link.telemetry, self._settings
-        self._wait(lambda: t.autopilot is not None, "a heartbeat", lambda: None)
+        self._wait(lambda: t.autopilot is not None, "heartbeat", lambda: None)
         profile = profiles.of_autopilot(t.autopilot or 0)
         if s.autopilot not in ("auto", profile.name):
             raise InputError(
