@@ -1,5 +1,6 @@
 """A ground station without a socket, for tests of the embedded autopilot in its own time."""
 
+import dataclasses
 import struct
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -12,10 +13,13 @@ GUIDED, OFFBOARD = (4,), (6, 0)
 
 
 class Peer:
-    def __init__(self, like, system=255, component=190, share=None, **settings):
-        self.autopilot = share or Autopilot(find_profile(like), **settings)
+    def __init__(self, like, system=255, share=None, ready_after=None, **settings):
+        profile = find_profile(like)
+        if ready_after is not None:
+            profile = dataclasses.replace(profile, ready_after=ready_after)
+        self.autopilot = share or Autopilot(profile, **settings)
         self.link = self.autopilot.connect()
-        self.mav = mavlink.MAVLink(None, system, component)
+        self.mav = mavlink.MAVLink(None, system, 190)
         self.mav.robust_parsing = True
         self.heard = []  # (time, message)
 
@@ -73,7 +77,7 @@ class Peer:
     def of(self, kind, since=0.0, system=1):
         self.listen()
         return [m for at, m in self.heard
-                if at >= since and m.get_type() == kind and m.get_srcSystem() == system]  # fmt: skip
+                if at >= since and (m.get_type(), m.get_srcSystem()) == (kind, system)]  # fmt: skip
 
     def texts(self, since=0.0):
         return [m.text for m in self.of("STATUSTEXT", since)]
@@ -106,18 +110,18 @@ class Peer:
 
 def flying(like, height=5.0, **settings):
     """A vehicle in the air, in the mode for setpoints from outside."""
-    peer = Peer(like, **settings)
+    peer = Peer(like, ready_after=1.0, **settings)
     peer.run(peer.autopilot.profile.ready_after + 1.0)
     if like == "ardupilot":
         assert peer.mode(*GUIDED) == [0]
         assert peer.command(400, 1) == [0]
         assert peer.command(22, 0, 0, 0, 0, 0, 0, height) == [0]
-        peer.run(10.0)
+        peer.run(4.0 + 1.5 * height)
     else:
         rise = (0x0DF8, (0.0, 0.0, -height))
         peer.run(0.5, lambda _: peer.aim(*rise))
         peer.mode(*OFFBOARD)
         assert peer.command(400, 1) == [0]
-        peer.run(12.0, lambda _: peer.aim(*rise))
+        peer.run(4.0 + 1.5 * height, lambda _: peer.aim(*rise))
     assert abs(peer.body.height - height) < 0.1
     return peer

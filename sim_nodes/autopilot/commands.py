@@ -185,14 +185,17 @@ class Inbox:
         if name == "HEARTBEAT" and self._a.profile.fixed_heartbeat:
             return Result.ACCEPTED
         standard = self._a.profile.rates.get(name, 0.0)
-        link.rates[name] = 1e6 / m.param2 if m.param2 > 0 else 0.0 if m.param2 < 0 else standard
+        interval = min(m.param2, 2e9)
+        link.rates[name] = 1e6 / interval if interval > 0 else 0.0 if interval < 0 else standard
         link.due.pop(name, None)
         return Result.ACCEPTED
 
     def _get_interval(self, m: Any, link: Link, _: Any) -> Result:
         number = _whole(m.param1)
         name = telemetry.NAMES.get(number)
-        rate = link.rates.get(name, 0.0) if name else 0.0
+        if name is None:
+            return Result.FAILED
+        rate = link.rates.get(name, 0.0)
         interval = round(1e6 / rate) if rate else -1
         self._a.send(mavlink.MAVLink_message_interval_message(number, interval), link)
         return Result.ACCEPTED

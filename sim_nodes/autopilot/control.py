@@ -117,7 +117,7 @@ def follow(
         if not corrected:
             goal = position[axis]
             if axis < 2:
-                ahead *= gains.velocity_scale
+                ahead = clip(ahead * gains.velocity_scale, -gains.top_speed, gains.top_speed)
     wanted = gains.position[kind] * (goal - position[axis])
     up, down = gains.speed[kind], gains.speed[2 if axis == 2 else 0]
     error = clip(wanted, -up, down) + ahead - velocity[axis]

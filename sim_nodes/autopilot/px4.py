@@ -58,7 +58,7 @@ class Px4(Commander):
 
     def take_off(self, height: float) -> Result:
         """Climb in a mode of its own, then hold."""
-        if not self.armed or not super().set_mode(Mode.TAKEOFF):
+        if not (self.armed and height > 0.0 and super().set_mode(Mode.TAKEOFF)):
             return Result.DENIED
         self._height = height
         return Result.ACCEPTED
