@@ -61,8 +61,14 @@ class Inbox:
     # ------------------------------------------------------------ flying
 
     def _heartbeat(self, message: Any, link: Link) -> None:
-        if message.type == mavlink.MAV_TYPE_GCS:
+        if self._is_station(message):
             self._a.commander.ground_station_seen = self._a.now
+
+    def _is_station(self, message: Any) -> bool:
+        """ArduCopter knows its ground station by its number, PX4 by its type."""
+        if isinstance(self._a.commander, ArduPilot):
+            return bool(message.get_srcSystem() == self._a.parameters["SYSID_MYGCS"])
+        return bool(message.type == mavlink.MAV_TYPE_GCS)
 
     def _setpoint(self, message: Any, link: Link) -> None:
         commander, body = self._a.commander, self._a.body
@@ -93,7 +99,7 @@ class Inbox:
             self._a.commander.manual()
 
     def _override(self, message: Any, link: Link) -> None:
-        if isinstance(self._a.commander, ArduPilot):
+        if isinstance(self._a.commander, ArduPilot) and self._is_station(message):
             widths = [getattr(message, f"chan{i}_raw") for i in range(1, 9)]
             self._a.commander.override(widths)
 
