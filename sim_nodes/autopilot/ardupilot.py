@@ -70,11 +70,11 @@ class ArduPilot(Commander):
             top_speed=9.3,  # the fastest that a held acceleration was seen to lead to
             position=(1.0, 1.0),
             velocity=(2.0, 5.0),
-            integral=(1.0, 1.0),
+            integral=(0.5, 1.0),
             velocity_scale=1.0,
             lift_error=0.0,
             tilt=tilt,
-            push=0.76 * 9.81 * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
+            push=0.71 * 9.81 * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
 

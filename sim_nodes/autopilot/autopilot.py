@@ -73,6 +73,7 @@ class Autopilot:
         """Switch it off and on: on the ground where it began, with its parameters kept."""
         value = self.parameters
         value["SIM_CLOCK_JUMP"] = value["SIM_CUT"] = 0.0
+        self._weather.cut_until = -1.0
         frame = Airframe(
             load=float(value["SIM_LOAD_MASS"]), length=float(value["SIM_LOAD_LEN"]),
             drag=float(value["SIM_DRAG"]), load_drag=self.profile.load_drag,

@@ -124,6 +124,8 @@ class Commander:
 
     def set_mode(self, mode: Mode) -> bool:
         """Change the mode as a person asks for it; whether it did."""
+        if mode is self.mode:
+            return True
         if self.armed and mode not in (Mode.MANUAL, Mode.LAND) and not self.ready:
             self._say_refused(mode, "requires position")
             return False
@@ -215,7 +217,7 @@ class Commander:
         self.body.begin()
 
     def _stop(self) -> None:
-        self.armed, self.airborne, self.target = False, False, None
+        self.armed, self.airborne, self.target, self.failsafe = False, False, None, None
 
     def _say_refused(self, mode: Mode, why: str) -> None:
         """Tell that a mode was refused, where the autopilot does."""

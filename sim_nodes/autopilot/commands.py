@@ -61,8 +61,14 @@ class Inbox:
     # ------------------------------------------------------------ flying
 
     def _heartbeat(self, message: Any, link: Link) -> None:
-        if message.type == mavlink.MAV_TYPE_GCS:
+        if self._is_station(message):
             self._a.commander.ground_station_seen = self._a.now
+
+    def _is_station(self, message: Any) -> bool:
+        """ArduCopter knows its ground station by its number, PX4 by its type."""
+        if isinstance(self._a.commander, ArduPilot):
+            return bool(message.get_srcSystem() == self._a.parameters["SYSID_MYGCS"])
+        return bool(message.type == mavlink.MAV_TYPE_GCS)
 
     def _setpoint(self, message: Any, link: Link) -> None:
         commander, body = self._a.commander, self._a.body
@@ -93,7 +99,7 @@ class Inbox:
             self._a.commander.manual()
 
     def _override(self, message: Any, link: Link) -> None:
-        if isinstance(self._a.commander, ArduPilot):
+        if isinstance(self._a.commander, ArduPilot) and self._is_station(message):
             widths = [getattr(message, f"chan{i}_raw") for i in range(1, 9)]
             self._a.commander.override(widths)
 
@@ -185,14 +191,17 @@ class Inbox:
         if name == "HEARTBEAT" and self._a.profile.fixed_heartbeat:
             return Result.ACCEPTED
         standard = self._a.profile.rates.get(name, 0.0)
-        link.rates[name] = 1e6 / m.param2 if m.param2 > 0 else 0.0 if m.param2 < 0 else standard
+        interval = min(m.param2, 2e9)
+        link.rates[name] = 1e6 / interval if interval > 0 else 0.0 if interval < 0 else standard
         link.due.pop(name, None)
         return Result.ACCEPTED
 
     def _get_interval(self, m: Any, link: Link, _: Any) -> Result:
         number = _whole(m.param1)
         name = telemetry.NAMES.get(number)
-        rate = link.rates.get(name, 0.0) if name else 0.0
+        if name is None:
+            return Result.FAILED
+        rate = link.rates.get(name, 0.0)
         interval = round(1e6 / rate) if rate else -1
         self._a.send(mavlink.MAVLink_message_interval_message(number, interval), link)
         return Result.ACCEPTED

@@ -36,7 +36,7 @@ class Gains(NamedTuple):
     velocity_scale: float  # steady velocity over the one asked for, without drag
     lift_error: float  # of an acceleration downwards that nothing corrects [m/s^2]
     tilt: float  # largest [rad]
-    push: float  # largest horizontal acceleration that tilt gives [m/s^2]
+    push: float  # largest horizontal acceleration that a target may ask for [m/s^2]
     yaw_rate: float  # largest [rad/s]
 
 
@@ -87,7 +87,8 @@ def shape(reference: Array, axis: int, use: int, values: Array, gains: Gains, dt
         push = values[2, axis]
         if axis < 2:
             push = clip(push, -gains.push, gains.push)
-            if abs(speed) >= gains.top_speed and push * speed > 0.0:
+            ahead = speed + abs(reference[2, axis]) * reference[2, axis] / (2.0 * jerk)
+            if abs(ahead) >= gains.top_speed and push * ahead > 0.0:
                 push = 0.0
     step = clip(push - reference[2, axis], -jerk * dt, jerk * dt)
     reference[2, axis] += step
@@ -116,7 +117,7 @@ def follow(
         if not corrected:
             goal = position[axis]
             if axis < 2:
-                ahead *= gains.velocity_scale
+                ahead = clip(ahead * gains.velocity_scale, -gains.top_speed, gains.top_speed)
     wanted = gains.position[kind] * (goal - position[axis])
     up, down = gains.speed[kind], gains.speed[2 if axis == 2 else 0]
     error = clip(wanted, -up, down) + ahead - velocity[axis]
@@ -132,7 +133,7 @@ def attitude(wanted: Array, yaw: float, gains: Gains, g: float) -> tuple[float, 
     """Roll, pitch [rad] and thrust over mass [m/s^2] that give an acceleration."""
     north, east, lift = -wanted[0], -wanted[1], max(g - wanted[2], 0.2 * g)
     level = math.hypot(north, east)
-    most = min(gains.push, lift * math.tan(gains.tilt))
+    most = lift * math.tan(gains.tilt)
     if level > most:
         north, east = north * most / level, east * most / level
     ahead = math.cos(yaw) * north + math.sin(yaw) * east

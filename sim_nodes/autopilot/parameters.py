@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 
 from iolspi_ros.errors import InputError
-from sim_nodes.autopilot.profiles import SIMULATION, Profile, Value
+from sim_nodes.autopilot.profiles import LIMITS, SIMULATION, Profile, Value
 
 INT32, REAL32 = 6, 9
 """MAV_PARAM_TYPE."""
@@ -33,8 +33,9 @@ class Parameters:
                     f"parameter {name} is not one of {profile.name}'s; allowed: "
                     + ", ".join(self.names)
                 )
-            if not math.isfinite(value):
-                raise InputError(f"parameter {name} is {value}; allowed: a finite number")
+            if not self.allows(name, value):
+                low, high = LIMITS.get(name, ("any", "finite number"))
+                raise InputError(f"parameter {name} is {value}; allowed: {low} to {high}")
             self[name] = value
 
     def __getitem__(self, name: str) -> Value:
@@ -49,6 +50,11 @@ class Parameters:
 
     def __len__(self) -> int:
         return len(self._values)
+
+    def allows(self, name: str, value: float) -> bool:
+        """Whether a parameter may have a value."""
+        low, high = LIMITS.get(name, (-math.inf, math.inf))
+        return math.isfinite(value) and low <= value <= high
 
     def encode(self, name: str) -> tuple[float, int]:
         """The number and the type that PARAM_VALUE carries."""
@@ -65,5 +71,5 @@ class Parameters:
             if kind != self.encode(name)[1]:
                 return None  # PX4 refuses another type
             if kind == INT32:
-                return float(struct.unpack("<i", struct.pack("<f", number))[0])
-        return number if math.isfinite(number) else None
+                number = float(struct.unpack("<i", struct.pack("<f", number))[0])
+        return number if self.allows(name, number) else None

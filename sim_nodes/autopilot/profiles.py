@@ -65,6 +65,19 @@ SIMULATION: dict[str, Value] = {
 }
 """Parameters of the world around the autopilot, the same for all: a test sets them in flight."""
 
+LIMITS: dict[str, tuple[float, float]] = {
+    "SIM_SPEEDUP": (0.0, 100.0), "SIM_WIND_SPD": (0.0, 30.0), "SIM_WIND_DIR": (-360.0, 360.0),
+    "SIM_WIND_TURB": (0.0, 10.0), "SIM_NOISE": (0.0, 10.0), "SIM_DELAY": (0.0, 10.0),
+    "SIM_LOSS": (0.0, 1.0), "SIM_CUT": (0.0, 3600.0), "SIM_CLOCK_JUMP": (-1e6, 1e6),
+    "SIM_LOAD_LEN": (0.1, 20.0), "SIM_LOAD_MASS": (1e-6, 1.0), "SIM_LOAD_RATE": (0.0, 100.0),
+    "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "SYSID_THISMAV": (1, 255),
+    "ANGLE_MAX": (1000, 8000), "MPC_TILTMAX_AIR": (20.0, 89.0), "PSC_JERK_XY": (1.0, 50.0),
+    "PSC_JERK_Z": (1.0, 50.0), "WPNAV_ACCEL": (50.0, 500.0), "WPNAV_SPEED": (20.0, 2000.0),
+    "WPNAV_SPEED_UP": (10.0, 1000.0), "WPNAV_SPEED_DN": (10.0, 500.0), "GRIP_GRAB": (1000, 2000),
+    "GRIP_RELEASE": (1000, 2000), "GRIP_NEUTRAL": (1000, 2000),
+}  # fmt: skip
+"""Within which a parameter may be set; those that are not here may be any finite number."""
+
 PX4 = Profile(
     name="px4",
     autopilot=12,  # measured, as are the modes
