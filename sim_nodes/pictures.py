@@ -27,6 +27,8 @@ _AMBER, _CLAY = (0.90, 0.55, 0.10, 1.0), (0.55, 0.35, 0.20, 1.0)
 
 _BASKET_DEPTH, _PLANK = 0.6, 0.06  # [m]; T gives neither
 _WALL_HEIGHT = 3.0
+_BALL = 0.24
+_FLOOR = (_BALL + _PLANK) / 2 - _BASKET_DEPTH  # where the load lies, above the rim [m]
 FALL_TIME = 0.7
 """How long a dropped load is followed [s]: 2.4 m from rest."""
 
@@ -88,9 +90,18 @@ def dropped(task: Task, before: Array, reward: float, times: Array) -> Array:
     ndarray of shape (n, 2)
         x and z [m]; of shape (0, 2) when nothing was dropped.
     """
-    if isinstance(task, SlungLoad) and outcome(reward, True) in (Outcome.DUNK, Outcome.MISS):
-        return task.fall(before, times)
-    return np.empty((0, 2))
+    if not isinstance(task, SlungLoad):
+        return np.empty((0, 2))
+    ended = outcome(reward, True)
+    if ended not in (Outcome.DUNK, Outcome.MISS):
+        return np.empty((0, 2))
+    way = task.fall(before, times)
+    if ended == Outcome.DUNK:  # it comes to rest in the basket
+        landed = way[:, 1] <= _FLOOR - task.rim
+        if landed.any():
+            first = int(np.argmax(landed))
+            way[first:] = (way[first, 0], _FLOOR - task.rim)
+    return way
 
 
 def film(task: Task, states: Sequence[Array], reward: float) -> list[Picture]:
@@ -173,7 +184,7 @@ def _slung_load(task: SlungLoad, state: Array) -> Picture:
         Shape("basket, floor", BOX, ((task.goal, 0.0, bottom),), (deep, deep, _PLANK), _CLAY),
         Shape("cable", LINE, (here, load), (0.03, 0.0, 0.0), _DARK),
         Shape("quadrotor", BOX, (here,), (0.7, 0.7, 0.1), _TEAL),
-        Shape("load", BALL, (load,), (0.24,) * 3, _AMBER),
+        Shape("load", BALL, (load,), (_BALL,) * 3, _AMBER),
     )
 
 

@@ -42,7 +42,7 @@ def demo(
     from sim_nodes.tasks import make_task
 
     config = resources.find("config", f"{_known(task)}.yaml")
-    mode_and_corruption(task, demonstration)
+    mode_and_corruption(demonstration)
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     count = episodes_to_fly(vehicle, seconds, episodes, 1)
@@ -178,7 +178,7 @@ def _report(
         )  # fmt: skip
         summary = report.finish(out, title, lead, vehicle, features, history, best, extra, beside)
     console.print(
-        f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy is at "
+        f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
         f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] "
         f"{report.near_optimal_words(summary)};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(shown)} episodes shown on the graph "

@@ -75,9 +75,7 @@ def learn(
     lead = "Learned without a graph, by the same core that the learner node runs."
     best = yardstick(vehicle)
     with console.status("flying the literal algorithm beside, drawing …"):
-        beside = None
-        if not learner.literal:
-            beside = literal_beside(task, file, seed, transitions, len(history.scores))
+        beside = literal_beside(task, file, seed, transitions, len(history.scores))
         summary = report.finish(
             out, f"Learning the {task.replace('_', ' ')}", lead, vehicle, learner.features, history,
             best, extra, beside,

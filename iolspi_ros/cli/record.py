@@ -34,7 +34,7 @@ def record(
 
     vehicle = task_class(task)()
     if demonstration is not None:
-        mode, corruption = mode_and_corruption(task, demonstration)
+        mode, corruption = mode_and_corruption(demonstration)
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
     config = resources.find("config", f"{task}.yaml")

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from iolspi_ros.errors import InputError
 
-SETS = {
-    "pendulum": {
-        1: ("perform", 0.0), 2: ("explore", 0.0), 3: ("perform", 0.5), 4: ("perform", 0.33),
-        5: ("explore", 0.33),
-    },
-    "slung_load": {1: ("perform", 0.0), 2: ("explore", 0.0), 3: ("perform", 0.2)},
-}  # fmt: skip
-"""Mode and corruption of each. The pendulum's are T Table 1; T tells nothing of the others."""
+SETS = {1: ("perform", 0.0), 2: ("explore", 0.0), 3: ("perform", 0.5), 4: ("perform", 0.33),
+        5: ("explore", 0.33)}  # fmt: skip
+"""Mode and corruption of each, of every task: T Table 1, which is about the pendulum."""
 
 
-def mode_and_corruption(task: str, number: int) -> tuple[str, float]:
+def mode_and_corruption(number: int) -> tuple[str, float]:
     """How a shipped set was flown.
 
     Raises
@@ -22,7 +17,6 @@ def mode_and_corruption(task: str, number: int) -> tuple[str, float]:
     InputError
         When there is no such set.
     """
-    sets = SETS.get(task, {})
-    if number not in sets:
-        raise InputError(f"--set is {number}; allowed: 1 to {len(sets)}")
-    return sets[number]
+    if number not in SETS:
+        raise InputError(f"--set is {number}; allowed: 1 to {len(SETS)}")
+    return SETS[number]

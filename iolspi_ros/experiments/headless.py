@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -111,16 +111,24 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
 def literal_beside(
     task: str, file: Path, seed: int, transitions: Transitions | None, episodes: int
-) -> tuple[OnlineLSPI, History]:
+) -> tuple[OnlineLSPI, History] | None:
     """The thesis' own algorithm in the same situation, to compare with.
+
+    No dimension wraps around; else its settings are the same, but for those that the file's
+    section `literal` gives.
 
     Returns
     -------
     learner : OnlineLSPI
     history : History
+        Or None for both when the file's own learner is just that one.
     """
     world, configured = prepare(task, file, seed)
-    settings = replace(configured.settings, algorithm="literal", periodic=(False,))
+    values = resources.parameters(file, "learner")
+    values |= {"algorithm": "literal", "periodic": [False]} | resources.parameters(file, "literal")
+    settings = from_mapping(LearnerSettings, values, str(file))
+    if settings == configured.settings:
+        return None
     learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
     history = History(world.task.dt)
     listener = remember(history, learner, lambda done: None)

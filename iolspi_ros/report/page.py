@@ -40,7 +40,7 @@ canvas.width=(right-left)*scale; canvas.height=(top_-bottom)*scale;
 const X=x=>(x-left)*scale, Z=z=>(top_-z)*scale, pause=0.7;
 let which=0, begun=performance.now();
 function draw(now){
- let frames=f.episodes[which], t=(now-begun)/1000*f.speed;
+ let frames=f.episodes[which], t=Math.max(now-begun,0)/1000*f.speed;
  if(t>(frames.length-1)*f.dt+pause*f.speed){
   which=(which+1)%f.episodes.length; frames=f.episodes[which]; begun=now; t=0}
  const at=Math.min(t/f.dt,frames.length-1), k=Math.floor(at), u=at-k, next=frames[Math.min(k+1,
@@ -54,7 +54,7 @@ function draw(now){
   else if(s.kind=='ball'){c.beginPath(); c.arc(X(p[0]),Z(p[1]),s.size[0]/2*scale,0,7); c.fill()}
   else{const w=s.size[0]*scale,h=s.size[2]*scale; c.fillRect(X(p[0])-w/2,Z(p[1])-h/2,w,h)}});
  document.getElementById('clock').textContent=(at*f.dt).toFixed(2)+' s of episode '+(which+1)+
-  ' of '+f.episodes.length+', at SPEED times its speed';
+  ' of '+f.episodes.length+f.ends[which]+', SPEED';
  requestAnimationFrame(draw)}
 requestAnimationFrame(draw)
 </script>
@@ -69,8 +69,10 @@ class Part(NamedTuple):
     says: str = ""
 
 
-def animation(heading: str, films: Sequence[Sequence[Picture]], dt: float) -> str:
-    """Episodes one after the other, as pictures `dt` seconds apart."""
+def animation(
+    heading: str, films: Sequence[Sequence[Picture]], ends: Sequence[str], dt: float
+) -> str:
+    """Episodes one after the other, as pictures `dt` seconds apart, and how each ended."""
     step = max(1, round(0.02 / dt))  # closer ones are only more to load
     films = [frames[::step] for frames in films]
     points = np.array([p for frames in films for seen in frames for s in seen for p in s.points])
@@ -79,6 +81,7 @@ def animation(heading: str, films: Sequence[Sequence[Picture]], dt: float) -> st
     content = {
         "dt": step * dt,
         "speed": speed,
+        "ends": [f" ({end})" if end else "" for end in ends],
         "box": [points[:, 0].min() - margin, points[:, 2].min() - margin,
                 points[:, 0].max() + margin, points[:, 2].max() + margin],
         "shapes": [
@@ -93,7 +96,8 @@ def animation(heading: str, films: Sequence[Sequence[Picture]], dt: float) -> st
             for frames in films
         ],
     }  # fmt: skip
-    page = _FILM.replace("HEADING", html.escape(heading)).replace("SPEED", f"{speed:g}")
+    page = _FILM.replace("HEADING", html.escape(heading))
+    page = page.replace("SPEED", "in real time" if speed == 1.0 else "at half speed")
     return page.replace("FILM", json.dumps(content, separators=(",", ":")))
 
 
@@ -138,6 +142,8 @@ def write(
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_short(part)}" for name, part in value.items())
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,29 +59,55 @@ def learning_score(time: Array, scores: Sequence[float]) -> Figure:
     return _figure(axes)
 
 
-def discounted_return(
-    curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], best: float
-) -> Figure:
+class Curve(NamedTuple):
+    """The policies of a run, each flown from every start.
+
+    Attributes
+    ----------
+    label : str
+    times : list of float
+        At which each came into use [s].
+    returns : list of float
+        Their mean discounted returns.
+    successes : list of float
+        Shares of the starts from which they reached the goal.
+    """
+
+    label: str
+    times: list[float]
+    returns: list[float]
+    successes: list[float]
+
+
+def discounted_return(curves: Sequence[Curve], best: float) -> Figure:
     """Discounted returns of intermediate policies over time, beside the near-optimal one.
 
-    Parameters
-    ----------
-    curves : sequence of (label, times, returns)
-        The first stands out.
-    best : float
+    The first curve stands out.
     """
     axes = _axes(
         "Discounted return of the intermediate policies", "vehicle time [s]", "discounted return"
     )
     axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
-    for number, (label, times, returns) in reversed(list(enumerate(curves))):
-        axes.plot(times, returns, "o-", ms=3, color=FAINT if number else ACCENT, label=label)
+    _draw(axes, [(curve.label, curve.times, curve.returns) for curve in curves])
     axes.legend(frameon=False, loc="lower right")
     ratio = axes.secondary_yaxis(
         "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))
     )
     ratio.set_ylabel(f"ratio to near-optimal {'cost' if best < 0 else 'return'}")
     return _figure(axes)
+
+
+def successes(curves: Sequence[Curve], success: str) -> Figure:
+    """Shares of the starts from which intermediate policies reached the goal."""
+    axes = _axes(f"Starts that {success}", "vehicle time [s]", "share of the starts", (8.0, 2.8))
+    _draw(axes, [(curve.label, curve.times, curve.successes) for curve in curves])
+    axes.set_ylim(-0.02, 1.02)
+    return _figure(axes)
+
+
+def _draw(axes: Axes, lines: Sequence[tuple[str, list[float], list[float]]]) -> None:
+    for number, (label, x, y) in reversed(list(enumerate(lines))):
+        axes.plot(x, y, "o-", ms=3, color=FAINT if number else ACCENT, label=label)
 
 
 def solve_condition(times: Sequence[float], conditions: Sequence[float]) -> Figure:
@@ -151,9 +178,7 @@ def positions(task: Task, episodes: Sequence[Array], title: str) -> Figure:
 
 def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
     """Ways in the task's plane, one for each episode, among the things that stand there."""
-    figure = Figure(figsize=(8.0, 3.4), layout="constrained")
-    axes = figure.add_subplot()
-    _label(axes, title, "x [m]", "z [m], upwards")
+    axes = _axes(title, "x [m]", "z [m], upwards", (8.0, 2.8))
     for shape in pictures.picture(task, np.zeros(len(task.low))):
         if shape.kind == pictures.BOX and shape.name != "quadrotor":
             (x, _, z), (wide, _, high) = shape.points[0], shape.size
@@ -170,9 +195,10 @@ def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
         axes.plot(*way.T, color=_ENDING_COLOURS[end], alpha=0.35, lw=1.0, label=label)
         axes.plot(*way[0], ".", color=INK, ms=2)
     axes.set_aspect("equal")
+    axes.set_xlim(task.low[0] - 0.3, task.high[0] + 0.3)
     axes.set_ylim(-2.0, 0.6)
-    axes.legend(frameon=False, loc="lower left", fontsize=8)
-    return figure
+    axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.4, 1.0), ncols=5, fontsize=8)
+    return _figure(axes)
 
 
 def ending_shares(task: Task, ends: NDArray[np.int64], window: int) -> Figure:

@@ -114,11 +114,15 @@ def finish(
     """
     best = evaluate(task, best_policy)
     summary = summarise(task, features, history, best) | extra
-    curves = [("learned, greedy", *_curve(task, features, history))]
+    curves = [_curve("learned, greedy", task, features, history)]
+    if history.policies[0].number == 0:
+        summary["success_fraction_offline"] = curves[0].successes[0]
     if beside and beside[1].policies:
-        literal = _curve(task, beside[0].features, beside[1])
-        curves.append(("thesis' algorithm to the letter", *literal))
-        summary["literal_ratio_to_near_optimal"] = literal[1][-1] / best.discounted_return
+        curves.append(
+            _curve("thesis' algorithm to the letter", task, beside[0].features, beside[1])
+        )
+        summary["literal_ratio_to_near_optimal"] = curves[1].returns[-1] / best.discounted_return
+        summary["literal_success_fraction"] = curves[1].successes[-1]
     parts = _shown(task, history)
     parts += _learning(task, history, curves, best)
     parts += _maps(task, features, history, best_policy)
@@ -142,8 +146,10 @@ def _shown(task: Task, history: History) -> list[Part]:
     films = [pictures.film(task, e.states, e.rewards[-1]) for e in some]
     moving = []
     if films[0][0]:
+        ways = task.endings if len(task.endings) > 1 else ("",)
+        ends = [ways[end] for end in endings(task, some)]
         heading = "Some of the last episodes, as the graph flew them"
-        moving = [Part("", page.animation(heading, films, task.dt))]
+        moving = [Part("", page.animation(heading, films, ends, task.dt))]
     title = f"The last {len(episodes)} episodes: greedy, not learning"
     return [*moving, Part("What it does now", *_flown(task, episodes, title))]
 
@@ -159,13 +165,15 @@ def _flown(task: Task, episodes: Sequence[Episode], title: str) -> tuple[Figure,
     return plots.trails(task, episodes, title), says
 
 
-def _curve(task: Task, features: Basis, history: History) -> tuple[list[float], list[float]]:
-    """Times and discounted returns of the policies of a run."""
-    returns = [
-        evaluate(task, policy_of(policy.weights, features)).discounted_return
-        for policy in history.policies
-    ]
-    return [policy.time for policy in history.policies], returns
+def _curve(label: str, task: Task, features: Basis, history: History) -> plots.Curve:
+    """What the policies of a run were worth."""
+    flown = [evaluate(task, policy_of(policy.weights, features)) for policy in history.policies]
+    return plots.Curve(
+        label,
+        [policy.time for policy in history.policies],
+        [one.discounted_return for one in flown],
+        [one.success_fraction for one in flown],
+    )
 
 
 def _judged(history: History) -> str:
@@ -186,7 +194,7 @@ def _judged(history: History) -> str:
 def _learning(
     task: Task,
     history: History,
-    curves: list[tuple[str, list[float], list[float]]],
+    curves: list[plots.Curve],
     best: Evaluation,
 ) -> list[Part]:
     """How it got there."""
@@ -204,6 +212,7 @@ def _learning(
             "After each update, the greedy policy flown from every start on the model, learning "
             "turned off. The red line is the best that is possible, nearly.",
         ),
+        Part("How often they reach the goal", plots.successes(curves, task.success), "The same."),
         Part(
             "What it earned while learning",
             score,
