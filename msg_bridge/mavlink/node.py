@@ -46,9 +46,10 @@ class NodeSettings(Settings):
     """What the node adds to the flight."""
 
     task: str = setting("slung_load", "the task that is flown", choices=("slung_load",))
-    autostart: bool = setting(
-        False, "configure and activate at once, instead of waiting to be told"
-    )
+    autostart: str = setting(
+        "no", "configure, or configure and activate, at once instead of when told to",
+        choices=("no", "configure", "activate"),
+    )  # fmt: skip
 
 
 class Bridge(LifecycleNode):
@@ -84,7 +85,7 @@ class Bridge(LifecycleNode):
         runtime.wall_timer(self, 0.05, self._look_after)
         runtime.wall_timer(self, 1.0, self._diagnose)
         _warm_up(self.task)
-        if self.settings.autostart:
+        if self.settings.autostart != "no":
             self._start = runtime.wall_timer(self, 0.01, self._autostart)
 
     def close(self) -> None:
@@ -142,7 +143,8 @@ class Bridge(LifecycleNode):
         self._start.cancel()
         if self.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
             raise self._refused or InputError("the preflight failed")
-        self.trigger_activate()
+        if self.settings.autostart == "activate":
+            self.trigger_activate()
 
     def _configure(self) -> None:
         settings = parameters.read(self, LinkSettings)
@@ -162,6 +164,7 @@ class Bridge(LifecycleNode):
             self._timeouts, self._show, self._say,
         )  # fmt: skip
         self._runner = Runner(self._flight, self._time, self._say)
+        self._tell(Item("passed", "activate the bridge to fly"))
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""
