@@ -34,12 +34,13 @@ def fly(wanted, x, limits=LIMITS, lag=0.15, seconds=20.0):
 def test_whoever_acts_the_vehicle_stays_inside(actions, x):
     for motion, acceleration in fly(lambda t, _: actions[int(t / 0.1) % 200], x):
         assert violation(LIMITS, motion) == ""
+        assert LIMITS.box[0] <= motion.x <= LIMITS.box[1]
         assert abs(acceleration) <= LIMITS.acceleration
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
 def test_full_acceleration_to_one_side_ends_at_the_box_at_rest(direction):
-    last = list(fly(lambda t, _: direction * 3.0, 0.0, seconds=30.0))[-1][0]
+    last = list(fly(lambda t, _: direction * 3.0, -2.0, seconds=30.0))[-1][0]
     end = LIMITS.box[1] if direction > 0.0 else LIMITS.box[0]
     assert 0.0 <= direction * (end - last.x) < 1.5
     assert abs(last.speed) < 0.1

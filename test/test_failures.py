@@ -6,9 +6,9 @@ import threading
 
 import numpy as np
 import pytest
-from flying import Flying, pilot
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from iolspi_ros.bench.flying import Dying, Flying, lost, pilot, pushes
 from msg_bridge.mavlink.authority import Commander, Timeouts
 from msg_bridge.mavlink.codec import Codec
 from msg_bridge.mavlink.phases import Phase
@@ -41,51 +41,16 @@ def hold_mode(profile):
     return {"px4": 4 << 16 | 3 << 24, "ardupilot": 5}[profile.name]
 
 
-class Dying:
-    """Accelerates away, and falls silent after some answers; `alive` again, it flies well."""
-
-    def __init__(self, task, answers):
-        self.left, self.pilot, self.alive = answers, pilot(task), False
-
-    def __call__(self, seen):
-        if self.alive:
-            return self.pilot(seen)
-        self.left -= 1
-        return 2 if self.left >= 0 else None
-
-
-def speed(f):
-    return float(np.linalg.norm(f.body()[1][:2]))
-
-
-def stops_and_flies_on(f, dying):
-    """From the last action: time to neutral beyond the deadline [s], distance to rest [m]."""
-    f.until(lambda: dying.left == 0)
-    f.until(lambda: f.flight.verdict.commander is not Commander.ACTOR)
-    begun, start = f.flight.episode.answered_time, f.body()[0]
-    f.until(lambda: f.flight.phase is not Phase.EPISODE)
-    f.until(lambda: speed(f) < 0.15)
-    distance = float(np.linalg.norm(f.body()[0][:2] - start[:2]))
-    deadline = begun + f.flight.timeouts.action_timeout
-    neutral = next(t for t, m in f.setpoints(deadline) if not pushes(m))
-    dying.alive = True
-    f.episodes(1)
-    return neutral - deadline, distance
-
-
-def pushes(message):
-    """Whether a setpoint accelerates along the track."""
-    return not message.type_mask & (1 << 7) and abs(message.afy) > 0.01
-
-
 @pytest.mark.parametrize("like", LIKES)
 def test_learner_killed(tmp_path, like):
     with Flying(tmp_path, like, initial="narrow", factor=1.0, timeouts=Timeouts()) as f:
         f.act = dying = Dying(f.task, 3)
-        late, distance = stops_and_flies_on(f, dying)
+        late, distance = lost(f, dying)
         assert late < 0.1
         assert distance < 1.0
         assert f.heard("hold: the learner is silent")
+        dying.alive = True
+        f.episodes(1)
 
 
 def test_learner_frozen(tmp_path):
@@ -104,7 +69,7 @@ def test_learner_frozen(tmp_path):
         f.act = act
         f.until(frozen.is_set)
         f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
-        f.until(lambda: speed(f) < 0.15)
+        f.until(lambda: f.speed < 0.15)
         since = f.clock.now()
         woken.set()
         f.wait(0.5)
@@ -136,7 +101,7 @@ def test_delay_of_300_ms(tmp_path, like):
         f.change("SIM_DELAY", 0.3)
         f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
         f.wait(6.0)
-        assert speed(f) < 0.3
+        assert f.speed < 0.3
         assert f.inside()
         assert f.heard("the link is slow")
         f.change("SIM_DELAY", 0.0)
@@ -154,7 +119,7 @@ def test_link_cut(tmp_path, like, seconds):
         f.change("SIM_CUT", seconds)
         f.wait(seconds)
         if seconds > 1.0:
-            assert speed(f) < 0.3
+            assert f.speed < 0.3
             assert np.linalg.norm(f.body()[0][:2] - start[:2]) < 9.0
         f.until(lambda: f.telemetry.position_time > f.clock.now() - 0.2)
         assert f.inside()
@@ -171,7 +136,7 @@ def test_bridge_killed(tmp_path, like):
         f.in_episode(step=4)
         f.runner.stop()
         f.wait(4.0)
-        assert speed(f) < 0.6  # the load still swings the vehicle about
+        assert f.speed < 0.6  # the load still swings the vehicle about
         assert f.inside()
 
 
@@ -199,7 +164,7 @@ def test_mode_changed_by_another_ground_station(tmp_path, like):
         f.until(lambda: f.flight.verdict.commander is Commander.OTHER)
         f.wait(5.0)
         assert f.telemetry.mode == hold_mode(f.profile)  # nobody argues
-        assert speed(f) < 0.3
+        assert f.speed < 0.3
         assert f.heard("somebody changed the mode")
         other.mode(f.profile, f.profile.controlled)
         f.episodes(1)
@@ -247,7 +212,7 @@ def test_load_feed_lost(tmp_path):
         f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
         f.wait(3.0)
         assert f.flight.verdict.commander is Commander.HOLD
-        assert speed(f) < 0.3
+        assert f.speed < 0.3
         assert f.heard("the load is not heard")
         f.change("SIM_LOAD_RATE", 20.0)
         f.episodes(1)

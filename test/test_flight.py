@@ -4,10 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
-from flying import Flying
 
+from iolspi_ros.bags import read_demonstration
+from iolspi_ros.bench.flying import Flying
+from iolspi_ros.experiments.headless import Listener, prepare, train
+from iolspi_ros.resources import find
 from msg_bridge.mavlink.phases import Phase
-from sim_nodes.tasks.slung_load import DUNK, RELEASE
+from sim_nodes.tasks.slung_load import CABLE, DUNK, RELEASE, WALL
 
 
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
@@ -83,3 +86,24 @@ def test_without_a_feed_the_swing_is_estimated(tmp_path):
         f.act = look
         f.episodes(3)
     assert np.sqrt(np.mean(np.square(errors))) < 0.15
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """IOLSPI: taught by a shipped set, then 500 episodes on the model (seconds)."""
+    world, learner = prepare("slung_load", find("config", "slung_load.yaml"), 0)
+    bag = find("demos", "slung_load", "set_5")
+    learner.inform(read_demonstration(bag, "slung_load", world.task.joints).transitions(4))
+    train(world, learner, 500, Listener())
+    return lambda seen: learner.act(seen.state, explore=False)[0]
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_a_policy_warm_started_from_demonstrations_dunks(tmp_path, like, learned):
+    with Flying(tmp_path, like, learned, episodes=10, seed=1) as f:
+        f.until(lambda: f.flight.phase is Phase.DOWN, 120.0)
+        rewards = [end.reward for end in f.ends]
+        assert sum(reward == DUNK for reward in rewards) >= 8, rewards
+        assert not {WALL, CABLE} & set(rewards)
+        assert f.flight.violations == 0
+        assert not f.broken

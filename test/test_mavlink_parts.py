@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flying import Flying
 from scipy.integrate import solve_ivp
 
+from iolspi_ros.bench.flying import Flying
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.envelope import Motion

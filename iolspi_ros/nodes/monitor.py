@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -206,6 +207,9 @@ class Monitor(Node):
             for number, row in sorted(self._updates.items())
             if number in self._weights
         ]
+        if not policies and self._weights:  # learned before, and not since
+            number = max(self._weights)
+            policies.append(Policy(number, 0.0, self._weights[number], math.nan, STATUSES[0]))
         return History(
             dt=self._dt,
             demonstrated=self.demonstrated,

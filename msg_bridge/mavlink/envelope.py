@@ -15,7 +15,7 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 
 _G = 9.81  # [m/s²]
-_ROOM = 0.3  # that braking leaves to the end of the box [m]
+_ROOM = 0.3  # that braking leaves to the end of the box, and that beyond it is no violation [m]
 _SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
 
@@ -51,7 +51,9 @@ class Motion(NamedTuple):
 class Limits(Settings):
     """The envelope. Beyond it the bridge takes over."""
 
-    box: tuple[float, ...] = setting((-12.0, 8.5), "along the track: least and greatest x [m]")
+    box: tuple[float, ...] = setting(
+        (-6.5, 3.0), "along the track: least and greatest x [m]: the walls"
+    )
     corridor: float = setting(2.0, "greatest distance from the track [m]", low=0.1, high=1e3)
     heights: tuple[float, ...] = setting((2.0, 9.0), "least and greatest height [m]")
     speed: float = setting(6.0, "greatest speed along the track [m/s]", low=0.1, high=50.0)
@@ -124,7 +126,7 @@ def violation(limits: Limits, motion: Motion) -> str:
     """What is beyond the envelope, in words; empty inside. NaN is beyond it."""
     low, high = limits.box
     checks: tuple[tuple[str, float, float, float, str], ...] = (
-        ("x", motion.x, low, high, "m"),
+        ("x", motion.x, low - _ROOM, high + _ROOM, "m"),
         ("distance from the track", abs(motion.across), 0.0, limits.corridor, "m"),
         ("height", motion.height, limits.heights[0], limits.heights[1], "m"),
         ("speed", abs(motion.speed), 0.0, 1.15 * limits.speed, "m/s"),

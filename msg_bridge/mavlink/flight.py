@@ -302,7 +302,7 @@ class Flight:
     def _ferrying(self, now: float) -> None:
         m, swing = self.motion, self.settings.settle_swing
         there = (
-            abs(m.x - self._target) < 0.25 and abs(m.speed) < 0.2 and abs(m.across) < 0.4
+            abs(m.x - self._target) < 0.1 and abs(m.speed) < 0.1 and abs(m.across) < 0.4
             and abs(m.height - self.settings.height) < 0.6
             and abs(m.swing) < swing and abs(m.swing_rate) < 3.0 * swing
         )  # fmt: skip
