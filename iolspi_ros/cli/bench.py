@@ -17,13 +17,13 @@ from iolspi_ros.errors import check_choice
 if TYPE_CHECKING:
     from iolspi_ros.bench.rows import Row
 
-SUBJECTS = ("learner", "speed", "scale")
+SUBJECTS = ("learner", "speed", "scale", "bridge")
 
 
 @app.command(epilog="Example: iolspi bench speed --json out/speed.json")
 def bench(
     subjects: Annotated[
-        Optional[list[str]], typer.Argument(help="learner, speed or scale; all by default.")
+        Optional[list[str]], typer.Argument(help=f"{', '.join(SUBJECTS)}; all by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Realisations, of `learner`.")] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
@@ -31,7 +31,8 @@ def bench(
 ) -> None:
     """Measure, and say which goals hold.
 
-    On two cores `learner` takes about 40 minutes with 20 seeds, `speed` 5 and `scale` 10.
+    On two cores `learner` takes about 40 minutes with 20 seeds, `speed` 5,
+    `scale` 10 and `bridge` 10.
     """
     from iolspi_ros import resources
     from iolspi_ros.bench import machine
@@ -64,6 +65,11 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
 
         with bar("speed [comparisons]", speed.COMPARISONS) as show:
             return speed.rows(show)
+    if subject == "bridge":
+        from iolspi_ros.bench import bridge
+
+        with bar("bridge [measurements]", bridge.MEASUREMENTS) as show:
+            return bridge.rows(show)
     from iolspi_ros.bench import figures, scale
 
     with bar("scale [runs]", scale.RUNS) as show:

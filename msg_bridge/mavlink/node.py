@@ -185,8 +185,10 @@ class Bridge(LifecycleNode):
         self._vehicle.publish()
 
     def _say(self, level: str, text: str) -> None:
-        logger = self.get_logger()
-        (logger.warning if level == "warning" else logger.info)(text)
+        if level == "warning":  # rclpy wants a line of its own for each severity
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
 
     def _tell(self, item: Item) -> None:
         self.get_logger().info(f"preflight: {item.name}: {item.found}")
