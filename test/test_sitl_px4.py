@@ -262,3 +262,29 @@ def test_it_has_no_load_feed_of_its_own():
     peer.set("SIM_LOAD_RATE", 10.0)
     peer.run(1.0)
     assert len(peer.of("GLOBAL_POSITION_INT", system=2)) == pytest.approx(10, abs=1)
+
+
+def test_failsafes_of_several_losses_end_one_by_one():
+    peer = copter(NAV_DLL_ACT=2)
+    peer.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    peer.run(11.0, stream(peer))
+    assert now_in(peer, RTL)
+    peer.set("SIM_EKF_FAIL", 1)
+    peer.run(0.1, stream(peer))
+    assert now_in(peer, LAND)
+    peer.set("SIM_EKF_FAIL", 0)
+    peer.run(0.1, stream(peer))
+    assert now_in(peer, RTL)
+    peer.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    peer.run(0.1, stream(peer))
+    assert now_in(peer, OFFBOARD_MODE)
+
+
+def test_it_disarms_on_the_ground_also_in_offboard():
+    peer = copter()
+    peer.until(
+        lambda: not peer.autopilot.commander.armed,
+        20.0,
+        lambda _: peer.aim(VELOCITY, speed=(0, 0, 1)),
+    )
+    assert not peer.body.broken

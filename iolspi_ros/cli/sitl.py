@@ -12,12 +12,15 @@ from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import console
 
 
-@app.command(epilog="Example: iolspi sitl --like px4 --url udpout:127.0.0.1:14550 --speed-up 2")
+@app.command(epilog="Example: iolspi sitl --like px4 --speed-up 2 --wind 3 --gusts 1")
 def sitl(
     like: Annotated[str, typer.Option(help="Whom it imitates: px4 or ardupilot.")] = "ardupilot",
     url: Annotated[
         Optional[list[str]],
-        typer.Option(help="udpout:HOST:PORT, or udpin:HOST:PORT to wait there; may be repeated."),
+        typer.Option(
+            help="udpout:HOST:PORT, or udpin:HOST:PORT to wait there; may be repeated. Else to "
+            "ports 14540 and 14550 of this machine."
+        ),
     ] = None,
     speed_up: Annotated[float, typer.Option(min=0.0, help="Times real time.")] = 1.0,
     wind: Annotated[float, typer.Option(min=0.0, help="From the north [m/s].")] = 0.0,
@@ -42,8 +45,8 @@ def sitl(
 ) -> None:
     """A quadrotor with a slung load that speaks MAVLink 2, until it is interrupted.
 
-    It refuses, waits and fails as the autopilot it imitates; docs/sitl.md says how far. Nothing is
-    sent anywhere but to the addresses given.
+    It refuses, waits and fails as the autopilot it imitates; docs/embedded_autopilot.md says how
+    far. Nothing is sent anywhere but to the addresses given.
     """
     from iolspi_ros.nodes.start import follow_parent
     from sim_nodes.autopilot.server import Sitl, read_key
@@ -55,16 +58,17 @@ def sitl(
     }  # fmt: skip
     values |= dict(_assignment(text) for text in param or ())
     key = None if signing is None else read_key(signing)
-    urls = url or ["udpout:127.0.0.1:14550"]
-    vehicle = Sitl(like, urls, values, seed, key, ready_after)
+    urls = url or ["udpout:127.0.0.1:14540", "udpout:127.0.0.1:14550"]
+    with console.status("preparing; the first time this takes some seconds"):
+        vehicle = Sitl(like, urls, values, seed, key, ready_after)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: vehicle.stop())
     places = ", ".join(f"{u} from {host}:{port}" for u, (host, port) in
                        zip(urls, vehicle.addresses, strict=True))  # fmt: skip
-    console.print(f"{like}: {places}", highlight=False, soft_wrap=True)
+    console.print(f"{like}: {places}")
     vehicle.run(_Show())
     if vehicle.autopilot.commander.aborted:
-        console.print(f"aborted: {vehicle.autopilot.commander.aborted}", soft_wrap=True)
+        console.print(f"aborted: {vehicle.autopilot.commander.aborted}")
         raise typer.Exit(3)
 
 
@@ -90,4 +94,4 @@ class _Show:
         said = f"{autopilot.profile.names[commander.mode]}, {armed}"
         if said != self._said:
             self._said = said
-            console.print(f"{autopilot.now:.1f} s: {said}", highlight=False)
+            console.print(f"{autopilot.now:.1f} s: {said}")

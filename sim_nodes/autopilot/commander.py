@@ -21,6 +21,7 @@ CRITICAL, WARNING, INFO = 2, 4, 6
 FORCE = 21196
 """Second number of a command to arm or disarm whatever the state."""
 
+_GRAVITY = (Mode.HOLD, Mode.RETURN, Mode.LAND)
 _SLOW = 0.3  # below it a vehicle that brakes holds its place [m/s]
 _LOST_DRIFT = np.array([0.8, 0.6, 0.0])  # of an estimate without a position [m/s]; chosen
 
@@ -60,7 +61,8 @@ class Commander:
         Takes a severity and a text, for STATUSTEXT.
     """
 
-    _land_disarms_after = 1.0  # on the ground [s]
+    _landing_modes = frozenset({Mode.LAND, Mode.RETURN})
+    """In which a vehicle that has come down disarms."""
 
     def __init__(
         self,
@@ -72,7 +74,7 @@ class Commander:
         self.profile, self.parameters, self.body, self.say = profile, parameters, body, say
         self.now = 0.0
         self.intended = profile.first_mode
-        self.failsafe: Mode | None = None
+        self.failsafes: dict[str, Mode] = {}  # by what was lost
         self.armed, self.airborne = False, False
         self.target: Target | None = None
         self.aborted = ""
@@ -85,6 +87,11 @@ class Commander:
         self._steering: Mode | None = None
 
     # ------------------------------------------------------------ what is so
+
+    @property
+    def failsafe(self) -> Mode | None:
+        """The gravest of the failsafes, None where there is none."""
+        return max(self.failsafes.values(), key=_GRAVITY.index, default=None)
 
     @property
     def mode(self) -> Mode:
@@ -129,7 +136,8 @@ class Commander:
         if self.armed and mode not in (Mode.MANUAL, Mode.LAND) and not self.ready:
             self._say_refused(mode, "requires position")
             return False
-        self.intended, self.failsafe = mode, None
+        self.intended = mode
+        self.failsafes.clear()
         self._enter()
         return True
 
@@ -217,7 +225,8 @@ class Commander:
         self.body.begin()
 
     def _stop(self) -> None:
-        self.armed, self.airborne, self.target, self.failsafe = False, False, None, None
+        self.armed, self.airborne, self.target = False, False, None
+        self.failsafes.clear()
 
     def _say_refused(self, mode: Mode, why: str) -> None:
         """Tell that a mode was refused, where the autopilot does."""
@@ -284,17 +293,18 @@ class Commander:
         return _LOST_DRIFT if self.parameters["SIM_EKF_FAIL"] else np.zeros(3)
 
     def _disarm_on_ground(self) -> None:
-        landing = self.mode is Mode.LAND or (self.mode is Mode.RETURN and self._stage == 2)
         if not self.airborne:
             if self.now - self._armed_at > self._idle_time() > 0.0 and self.body.landed:
                 self.say(INFO, "Disarmed by auto preflight disarming")
                 self._stop()
-        elif self.body.landed and (
-            landing and self.now - self._down_since > self._land_disarms_after
-        ):
+        elif self.mode in self._landing_modes and self.now - self._down_since > self._landed_time():
             self.say(INFO, "Landing detected: disarming")
             self._stop()
 
     def _idle_time(self) -> float:
         """After which an armed vehicle on the ground disarms [s]."""
         raise NotImplementedError
+
+    def _landed_time(self) -> float:
+        """After which a vehicle that has come down disarms [s]."""
+        return 1.0

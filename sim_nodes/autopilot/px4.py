@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sim_nodes.autopilot.commander import CRITICAL, INFO, WARNING, Commander, Result
+from sim_nodes.autopilot.commander import CRITICAL, WARNING, Commander, Result
 from sim_nodes.autopilot.control import Gains, Target
 from sim_nodes.autopilot.profiles import Mode
 
@@ -16,18 +16,19 @@ _AFTER_LOSS = {
     0: Mode.RETURN, 1: Mode.RETURN, 2: Mode.RETURN,  # there is no stick, so it goes home
     3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD,
 }  # fmt: skip
+_AFTER_STATION = {1: Mode.HOLD, 2: Mode.RETURN, 3: Mode.LAND}
 _OFFBOARD_EXCEPTED = 4
 
 
 class Px4(Commander):
     """PX4: refuses in silence, goes by the stream."""
 
-    _land_disarms_after = 2.0  # COM_DISARM_LAND
+    _landing_modes = frozenset(Mode)
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._setpoint_at, self._gap, self._manual_at = -math.inf, math.inf, -math.inf
-        self._manual_lost = self._station_lost = False
+        self._station_lost = False
 
     @property
     def _streaming(self) -> bool:
@@ -44,9 +45,7 @@ class Px4(Commander):
     def manual(self) -> None:
         """MANUAL_CONTROL has come; in OFFBOARD it moves nothing, but is watched from now on."""
         self._manual_at = self.now
-        if self._manual_lost:
-            self._manual_lost = False
-            self.failsafe = None
+        self.failsafes.pop("manual control", None)
 
     def set_mode(self, mode: Mode) -> bool:
         """Change the mode; nothing but the heartbeat tells when it does not."""
@@ -104,37 +103,47 @@ class Px4(Commander):
             self._watch_stick()
         if self.mode is Mode.TAKEOFF and self._stage == 2:
             self.intended = Mode.HOLD
-        time_out = float(self.parameters["COM_DL_LOSS_T"])
-        lost = self.now - self.ground_station_seen > time_out and self.ground_station_seen >= 0.0
-        if lost and not self._station_lost:
-            self.say(WARNING, "Connection to ground station lost")
-            act = {1: Mode.HOLD, 2: Mode.RETURN, 3: Mode.LAND}
-            self.failsafe = act.get(int(self.parameters["NAV_DLL_ACT"]), self.failsafe)
-        self._station_lost = lost
+        self._watch_station()
+        if self.ready:
+            self.failsafes.pop("position estimate", None)
+
+    def _fail(self, what: str, action: Mode | None) -> None:
+        """Something was lost; without an action it is only told."""
+        if what in self.failsafes:
+            return
+        if action is None:
+            self.say(WARNING, f"{what} lost".capitalize())
+        else:
+            self.failsafes[what] = action
+            self.say(WARNING, f"Failsafe: {what} lost, {self.profile.names[action]}")
 
     def _watch_stream(self) -> None:
         late = self.now - self._setpoint_at - float(self.parameters["COM_OF_LOSS_T"])
-        if late > _NOTICE and self.failsafe is None and self.airborne:
-            action = _AFTER_LOSS.get(int(self.parameters["COM_OBL_RC_ACT"]), Mode.LAND)
-            self.failsafe = action
-            self.say(WARNING, "Failsafe activated: offboard signal lost, "
-                     f"{self.profile.names[action]}")  # fmt: skip
-        elif late <= 0.0 and self.failsafe and not self._manual_lost and self.ready:
-            self.failsafe = None
-            self.say(INFO, "Failsafe cleared: Offboard")
+        if late > _NOTICE and self.airborne:
+            self._fail("offboard signal", _AFTER_LOSS.get(
+                int(self.parameters["COM_OBL_RC_ACT"]), Mode.LAND))  # fmt: skip
+        elif late <= 0.0:
+            self.failsafes.pop("offboard signal", None)
 
     def _watch_stick(self) -> None:
-        if self.now - self._manual_at < 60.0 and not self._manual_lost:
-            late = self.now - self._manual_at - float(self.parameters["COM_RC_LOSS_T"])
-            excepted = int(self.parameters["COM_RCL_EXCEPT"]) & _OFFBOARD_EXCEPTED
-            if late > _NOTICE and not excepted:
-                self._manual_lost = True
-                self.failsafe = Mode.HOLD
-                self.say(WARNING, "Failsafe activated: manual control lost, Hold")
+        late = self.now - self._manual_at - float(self.parameters["COM_RC_LOSS_T"])
+        excepted = int(self.parameters["COM_RCL_EXCEPT"]) & _OFFBOARD_EXCEPTED
+        if late > _NOTICE and math.isfinite(late) and not excepted:
+            self._manual_at = -math.inf  # once: who changes the mode then has it
+            self._fail("manual control", Mode.HOLD)
+
+    def _watch_station(self) -> None:
+        time_out = float(self.parameters["COM_DL_LOSS_T"])
+        lost = self.now - self.ground_station_seen > time_out and self.ground_station_seen >= 0.0
+        if lost and not self._station_lost:
+            self._fail("connection to ground station",
+                       _AFTER_STATION.get(int(self.parameters["NAV_DLL_ACT"])))  # fmt: skip
+        elif not lost:
+            self.failsafes.pop("connection to ground station", None)
+        self._station_lost = lost
 
     def _estimator_lost(self) -> None:
-        self.say(CRITICAL, "Failsafe activated: position estimate lost, Land")
-        self.failsafe = Mode.LAND
+        self._fail("position estimate", Mode.LAND)
 
     def _follow(self) -> Target | None:
         return self.target or self._hold()
@@ -148,3 +157,6 @@ class Px4(Commander):
 
     def _idle_time(self) -> float:
         return float(self.parameters["COM_DISARM_PRFLT"])
+
+    def _landed_time(self) -> float:
+        return float(self.parameters["COM_DISARM_LAND"])

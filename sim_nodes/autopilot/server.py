@@ -118,6 +118,7 @@ class Sitl:
         profile = find_profile(like)
         if ready_after is not None:
             profile = dataclasses.replace(profile, ready_after=ready_after)
+        Autopilot(profile).advance(TICK)  # compiles, so that no clock waits for it
         self.autopilot = Autopilot(profile, parameters, seed, time.time(), key)
         self.lock = threading.Lock()
         self._ports: list[Port] = []
