@@ -43,6 +43,7 @@ setup(
             "simulator = iolspi_ros.nodes.start:simulator",
             "demonstrator = iolspi_ros.nodes.start:demonstrator",
             "learner = iolspi_ros.nodes.start:learner",
+            "bridge = iolspi_ros.nodes.start:bridge",
         ],
     },
 )
