@@ -18,7 +18,7 @@ from sim_nodes.simulator import SimulatorSettings
 from sim_nodes.tasks import TASKS
 from sim_nodes.world import WorldSettings
 
-CONFIGURED = [path.stem for path in resources.find("config").glob("*.yaml")]
+CONFIGURED = [t for t in TASKS if (resources.find("config") / f"{t}.yaml").is_file()]
 
 
 def read(task):
