@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from iolspi_ros.bench import learner, safety, scale, speed
+from iolspi_ros.bench import latency, learner, safety, scale, speed
 from iolspi_ros.bench.rows import at_least, at_most
 from iolspi_ros.cli import bench
 from iolspi_ros.experiments.dropping import INFORMED, Dropping, drop
@@ -91,3 +91,11 @@ def test_rows_are_written_as_json(tmp_path):
     bench._write(tmp_path / "rows.json", [at_most("time", 1.0, "s", 2.0)])
     row = {"name": "time", "value": 1.0, "unit": "s", "goal": "at most 2", "holds": True}
     assert json.loads((tmp_path / "rows.json").read_text()) == [row]
+
+
+def test_delays_are_to_the_first_setpoint_that_changed():
+    asked = np.array([1000, 2000, 3000, 4000])
+    passed = np.array([900, 1100, 1300, 1900, 2400, 2900, 3100, 4200])
+    values = np.array([-3.0, -3.0, 1.0, 3.0, 3.0, -1.0, -3.0, -2.0])
+    found = latency.delays(asked, passed, values)
+    np.testing.assert_allclose(found, [300e-9, 900e-9, 100e-9, 200e-9])

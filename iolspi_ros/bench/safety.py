@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros import resources
 from iolspi_ros.bench.rows import Row, at_least, at_most
-from iolspi_ros.experiments import cache, engine
+from iolspi_ros.experiments import engine
 from iolspi_ros.experiments.engine import Cell, Data
 from iolspi_ros.experiments.results import Store
 from iolspi_ros.experiments.statistics import Interval, difference, interval
@@ -45,7 +46,7 @@ def total(seeds: int) -> int:
 
 def measure(seeds: int, show: Callable[[float], None]) -> Data:
     """Every realisation, on every core; those of an earlier call are in the user's cache."""
-    store, wanted = Store(cache.folder() / "realisations"), cells(seeds)
+    store, wanted = Store(resources.cache_folder() / "realisations"), cells(seeds)
     lacking = engine.missing(wanted, store)
     already = total(seeds) - sum(cell.cost for cell, _ in lacking)
     engine.run(lacking, store.write, engine.local(-1), lambda done: show(already + done))

@@ -17,13 +17,13 @@ from iolspi_ros.errors import check_choice
 if TYPE_CHECKING:
     from iolspi_ros.bench.rows import Row
 
-SUBJECTS = ("learner", "speed", "scale", "safety")
+SUBJECTS = ("learner", "speed", "scale", "safety", "bridge")
 
 
 @app.command(epilog="Example: iolspi bench speed --json out/speed.json")
 def bench(
     subjects: Annotated[
-        Optional[list[str]], typer.Argument(help="learner, speed, scale, safety; all by default.")
+        Optional[list[str]], typer.Argument(help=f"{', '.join(SUBJECTS)}; all by default.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Of `learner` and `safety`.")] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
@@ -31,8 +31,8 @@ def bench(
 ) -> None:
     """Measure, and say which goals hold.
 
-    On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5 and
-    `scale` 10.
+    On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
+    `scale` and `bridge` 10.
     """
     from iolspi_ros import resources
     from iolspi_ros.bench import machine
@@ -70,6 +70,11 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
 
         with bar("speed [comparisons]", speed.COMPARISONS) as show:
             return speed.rows(show)
+    if subject == "bridge":
+        from iolspi_ros.bench import bridge
+
+        with bar("bridge [measurements]", bridge.MEASUREMENTS) as show:
+            return bridge.rows(show)
     from iolspi_ros.bench import figures, scale
 
     with bar("scale [runs]", scale.RUNS) as show:

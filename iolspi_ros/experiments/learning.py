@@ -27,7 +27,7 @@ LITERAL = LearnerSettings(algorithm="literal", periodic=(False,))
 REFRESHED = LearnerSettings()
 HANGING: Any = Pendulum()  # a Task, and a dataclass
 
-_QUICK = 8
+_QUICK = 10
 _QUICK_LOOKS = 15
 
 
@@ -61,7 +61,7 @@ class Learning:
         return sorted(path.glob("*.mcap")) if path else []
 
     def quick(self) -> Learning:
-        """An eighth of the time, and g changing in an eighth of its time."""
+        """A tenth of the time, and g changing in a tenth of its time."""
         task = replace(
             self.task,
             g_change_start=self.task.g_change_start / _QUICK,

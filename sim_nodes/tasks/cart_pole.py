@@ -95,14 +95,20 @@ class CartPole(Settings):
     joints = ("pole",)
     actions = _FORCES
     action_unit = "N"
+    action_names = ("-50 N", "0 N", "+50 N")
     neutral = 1
     dt = 0.1
     episode_steps = 3000
+    study = 300
     gamma = 0.95
-    # A pole that stands falls in one step from beyond 10 rad/s.
+    # Pushed from rest, no pole is faster before it has fallen.
     low = (-FALLEN, -10.0)
     high = (FALLEN, 10.0)
     periodic = (False, False)
+    axes = ("angle [rad]", "rate [rad/s]")
+    pictured = (0, 1)
+    success = "never fall"
+    endings = ("time-out", "fall")
     reference_points = (201, 201)
     reference_lookahead = 1
     compiled = staticmethod(_step)
@@ -135,6 +141,10 @@ class CartPole(Settings):
     def draw_initial(self, rng: np.random.Generator) -> Array:
         """Angle and rate normal around zero."""
         return self.deviation * rng.standard_normal(2)
+
+    def ending(self, reward: Array, terminated: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """A fall, or the clock."""
+        return np.asarray(terminated, np.int64)
 
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether the pole never fell."""

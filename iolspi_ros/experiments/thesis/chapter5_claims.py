@@ -9,7 +9,7 @@ from iolspi_ros.experiments.engine import Data
 from iolspi_ros.experiments.gridruns import CUTOFFS
 from iolspi_ros.experiments.statistics import difference, interval
 from iolspi_ros.experiments.thesis import claims
-from iolspi_ros.experiments.thesis.claims import Claim, Finding
+from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding
 from iolspi_ros.experiments.thesis.compare import Decide, every
 from sim_nodes.tasks.slung_grid import SlungGrid
 
@@ -219,6 +219,9 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
         Claim("Set 1 averages -5.15 and ends at -4", "5-3-3, Table 5-4", f"{_FIVE}; within 2",
               every(level("set 1", "average", -7.15, -3.15), level("set 1", "greedy", -6.0, -2.0)),
               "An exploring action costs this pilot's flights more than T's."),
+        Claim("T's -1.96 is the largest return that there is", OURS, "dynamic programming",
+              lambda data: [claims.within("largest return", interval(data["near-optimal"]["score"]),
+                                          -1.965, -1.955)]),
     ),
     "fig5-5": (
         Claim("The best solution swings the load to the left, not to the right",
