@@ -8,9 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Table, weigh
+from iolspi_ros.core.features import Basis, Table, weigh
 from iolspi_ros.core.online import OnlineLSPI, Update
 from iolspi_ros.core.shield import Guard, allowed, safest
+from sim_nodes.tasks.base import Task
 from sim_nodes.world import World
 
 Array = NDArray[np.float64]
@@ -173,3 +174,61 @@ def _fly(
         if ended:
             return row + 1, True, False, vetoes
     return len(states), False, False, vetoes
+
+
+def fly_greedily(
+    task: Task, weights: Array, basis: Basis, time: float
+) -> tuple[Array, NDArray[np.int64], Array, NDArray[np.bool_]]:
+    """One episode from every initial condition by the greedy policy, without noise.
+
+    Returns
+    -------
+    states : ndarray of shape (n_steps + 1, n, n_dims)
+        Those of an episode that ended stay.
+    actions : ndarray of int, shape (n_steps, n)
+        -1 after the end.
+    rewards : ndarray of shape (n_steps, n)
+        Zero after the end.
+    terminated : ndarray of bool, shape (n,)
+    """
+    starts, n_steps = task.initial_states(), task.episode_steps
+    states = np.empty((n_steps + 1, *starts.shape))
+    states[:] = starts
+    actions = np.full((n_steps, len(starts)), -1)
+    rewards = np.zeros(actions.shape)
+    terminated = np.zeros(len(starts), bool)
+    room = (np.empty(int(basis.table.counts.sum())), np.empty(basis.size), np.empty(len(weights)))
+    _fly_greedily(
+        task.compiled, task.parameters(time), basis.table, weights, states, actions, rewards,
+        terminated, *room,
+    )  # fmt: skip
+    return states, actions, rewards, terminated
+
+
+@njit
+def _fly_greedily(
+    dynamics: Callable[..., tuple[float, bool]],
+    parameters: Array,
+    table: Table,
+    weights: Array,
+    states: Array,
+    actions: NDArray[np.int64],
+    rewards: Array,
+    terminated: NDArray[np.bool_],
+    factors: Array,
+    phi: Array,
+    q: Array,
+) -> None:
+    """Fill the arrays."""
+    for start in range(states.shape[1]):
+        for step in range(len(actions)):
+            weigh(table, weights, states[step, start], factors, phi, q)
+            action = int(np.argmax(q))
+            following = states[step + 1, start]
+            reward, ended = dynamics(states[step, start], action, 0.0, parameters, following)
+            actions[step, start] = action
+            rewards[step, start] = reward
+            if ended:
+                terminated[start] = True
+                states[step + 1 :, start] = states[step + 1, start].copy()
+                break

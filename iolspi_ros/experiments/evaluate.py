@@ -15,6 +15,7 @@ from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
 from iolspi_ros.core.shield import Shield
 from iolspi_ros.experiments import cache
+from iolspi_ros.experiments.compiled import fly_greedily
 from iolspi_ros.experiments.history import Episode
 from sim_nodes.tasks.base import Task
 
@@ -30,6 +31,7 @@ class Evaluation:
     ----------
     states : ndarray of shape (n_steps + 1, n, n_dims)
     actions : ndarray of int, shape (n_steps, n)
+        -1 after the end.
     discounted : ndarray of shape (n,)
         Discounted return of each (T Eq. 4).
     score : ndarray of shape (n,)
@@ -84,23 +86,41 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     """
     state = task.initial_states()
     alive = np.ones(len(state), bool)
-    total, last, discount = np.zeros(len(state)), np.zeros(len(state)), 1.0
     states, actions, rewards = [state], [], []
     for _ in range(task.episode_steps):
         action = policy(state)
         following, reward, terminated = task.step(state, action, time)
         rewards.append(np.where(alive, reward, 0.0))
-        total += discount * rewards[-1]
-        last = np.where(alive, reward, last)
         state = np.where(alive[:, None], following, state)
+        actions.append(np.where(alive, action, -1))
         alive &= ~terminated
-        discount *= task.gamma
         states.append(state)
-        actions.append(action)
-    history, gained = np.stack(states), np.stack(rewards)
-    succeeded = task.succeeded(history, gained)
-    ending = task.ending(last, ~alive)
-    return Evaluation(history, np.stack(actions), total, gained.sum(axis=0), succeeded, ending)
+    return _graded(task, np.stack(states), np.stack(actions), np.stack(rewards), ~alive)
+
+
+def evaluate_weights(task: Task, weights: Array, features: Basis, time: float = 0.0) -> Evaluation:
+    """The same for the greedy policy of some weights, shape (n_actions, size), compiled.
+
+    The sums behind Q̂ are taken in another order than `evaluate` takes them, so the last bits of
+    an episode may differ, and with them an action where two are as good.
+    """
+    return _graded(task, *fly_greedily(task, weights, features, time))
+
+
+def _graded(
+    task: Task,
+    states: Array,
+    actions: NDArray[np.int64],
+    rewards: Array,
+    terminated: NDArray[np.bool_],
+) -> Evaluation:
+    """What episodes come to."""
+    discounted = task.gamma ** np.arange(len(rewards)) @ rewards
+    lengths = np.count_nonzero(actions >= 0, axis=0)
+    last = rewards[lengths - 1, np.arange(len(lengths))]
+    succeeded = task.succeeded(states, rewards)
+    ending = task.ending(last, terminated)
+    return Evaluation(states, actions, discounted, rewards.sum(axis=0), succeeded, ending)
 
 
 def succeeded(task: Task, episodes: Sequence[Episode]) -> NDArray[np.bool_]:

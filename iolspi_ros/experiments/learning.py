@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI
-from iolspi_ros.experiments.evaluate import Evaluation, evaluate, near_optimal_policy, policy_of
+from iolspi_ros.experiments.evaluate import (
+    Evaluation,
+    evaluate,
+    evaluate_weights,
+    near_optimal_policy,
+)  # fmt: skip
 from iolspi_ros.experiments.headless import Listener, train
 from iolspi_ros.experiments.samplesets import NOTHING, bag, samples
 from sim_nodes.tasks.base import Task
@@ -122,9 +127,9 @@ class _Judge:
     def updated(self, time: float) -> None:
         """Other weights are in use from now on."""
         while self._waiting and self._waiting[0] < time:
-            policy = policy_of(self._weights, self._core.features)
             now = self._waiting.pop(0)
-            self.found.append(grades(self._task, evaluate(self._task, policy, now)))
+            flown = evaluate_weights(self._task, self._weights, self._core.features, now)
+            self.found.append(grades(self._task, flown))
         self._weights = self._core.weights
 
 

@@ -28,14 +28,19 @@ def interval(values: NDArray[Any]) -> Interval:
     Parameters
     ----------
     values : ndarray of shape (n,)
-        Of independent realisations.
+        Of independent realisations. One alone says nothing of how far it is from the mean.
     """
+    if len(values) < 2:
+        return Interval(float(np.mean(values)), -math.inf, math.inf)
     mean, low, high = intervals(np.asarray(values, float)[:, None])
     return Interval(float(mean[0]), float(low[0]), float(high[0]))
 
 
 def intervals(values: NDArray[Any]) -> tuple[Array, Array, Array]:
-    """Mean and limits as in `interval`, of each column: (n, m) to three of shape (m,)."""
+    """Mean and limits as in `interval`, of each column: (n, m) to three of shape (m,).
+
+    The limits of one realisation are itself: there is nothing to draw around it.
+    """
     n = len(values)
     mean = np.mean(values, axis=0, dtype=float)
     if n < 2:

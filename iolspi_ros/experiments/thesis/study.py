@@ -21,7 +21,7 @@ Rows: TypeAlias = list[dict[str, Any]]
 
 _QUICKER = 6
 """Times less that a quick setting costs, about."""
-_LONG = 1.5  # s
+_LONG, _VERY_LONG = 1.5, 3.0  # s
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Study:
         """With so many realisations in every cell that has more; and with quick settings.
 
         A setting's method `quick()`, where it has one, gives a shorter run of the same kind; what
-        takes long even then is done twice only.
+        takes long even then is done twice, or once, only.
         """
         cells = []
         for cell in self.cells:
@@ -65,7 +65,7 @@ class Study:
                 setting, cost = setting.quick(), cost / _QUICKER
             count = cell.seeds if seeds is None else min(cell.seeds, seeds)
             if quick and cost > _LONG:
-                count = min(count, 2)
+                count = min(count, 1 if cost > _VERY_LONG else 2)
             cells.append(replace(cell, setting=setting, seeds=count, cost=cost))
         return replace(self, cells=tuple(cells))
 
