@@ -132,8 +132,7 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     "section8-2": (
         Claim("γ = 1 yields a deficiency in solving for Γ and Λ", "8-2", _USUAL, _singular,
               "The equations are regular, because episodes end. They become singular when the "
-              "state after a fall counts as one that goes on: then a constant function drops out of "
-              "Γ - Λ."),
+              "state after a fall counts as any other: then a constant drops out of Γ - Λ."),
         Claim("γ between 0.95 and 1 has problems converging, with poor results", "8-2", _USUAL,
               every(more("γ = 0.95", "γ = 0.99", "converged"), more("γ = 0.95", "γ = 0.99"),
                     more("γ = 0.95", "γ = 0.98"))),
