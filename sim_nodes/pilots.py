@@ -208,9 +208,9 @@ class CartPolePerform:
 _LAWS: dict[tuple[str, str], type] = {
     ("pendulum", "perform"): PendulumPerform,
     ("pendulum", "explore"): PendulumExplore,
-    ("cart_pole", "perform"): CartPolePerform,
     ("slung_load", "perform"): SlungLoadPerform,
     ("slung_load", "explore"): SlungLoadExplore,
+    ("cart_pole", "perform"): CartPolePerform,
 }
 
 

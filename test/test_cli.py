@@ -15,6 +15,7 @@ import pytest
 
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.cli import progress
+from iolspi_ros.graph import free_domain
 from iolspi_ros.resources import find
 
 COMMANDS = ("bench", "demo", "learn", "record", "run")
@@ -59,6 +60,7 @@ def test_help_and_version():
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("record", "--set", "7", "--out", "x"), "--set is 7; allowed: 1 to 5"),
         (("record", "--mode", "sleep", "--out", "x"), "mode is 'sleep'; allowed: perform, explore"),
+        (("run", "simulator", "--task", "kite"), "task is 'kite'; allowed: pendulum, slung_load"),
         (("run", "pilot"), "node is 'pilot'; allowed: simulator, demonstrator, learner"),
     ],
 )
@@ -140,6 +142,7 @@ def test_the_demo_of_the_slung_load_counts_what_breaks(tmp_path):
     result = iolspi("demo", "--task", "slung_load", "--episodes", 30, "--out", out, deadline=380)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "learning online [episodes]: 30 of 30" in result.stdout
+    assert "near-optimal policy [%]: 100 of 100" in result.stdout
     summary = json.loads((out / "summary.json").read_text())
     ways = summary["ends_shown"]
     assert set(ways) == {"time-out", "dunk", "miss", "crash: cable", "crash: wall"}
@@ -175,6 +178,22 @@ def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
     assert "Traceback" not in said
     assert not [line for line in graph_processes() if str(out) in line]
     assert (out / "checkpoint.npz").is_file()
+
+
+def test_a_node_runs_with_the_parameters_of_a_task(tmp_path):
+    command = ["run", "simulator", "--task", "slung_load", "--ros-args", "-p", "initial:=narrow"]
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "iolspi_ros", *command], stdout=log, stderr=log,
+            env=os.environ | {"ROS_DOMAIN_ID": str(free_domain())},
+        )  # fmt: skip
+    end = time.monotonic() + 30
+    while "slung_load in lockstep" not in (tmp_path / "log").read_text():
+        assert time.monotonic() < end
+        assert process.poll() is None, (tmp_path / "log").read_text()
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 0
 
 
 def test_a_folder_that_is_called_like_the_package_is_in_nobodys_way(tmp_path):

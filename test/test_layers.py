@@ -11,11 +11,13 @@ ALLOWED = {
     "sim_nodes/tasks": (
         "sim_nodes.tasks", "iolspi_ros.core", "iolspi_ros.errors", "iolspi_ros.settings",
     ),
+    "sim_nodes/autopilot": ("sim_nodes.autopilot", "iolspi_ros.errors"),
     "msg_bridge/frames.py": (),
 }  # fmt: skip
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs")
 ROS_FREE = ["iolspi_ros/core", "sim_nodes/tasks", "sim_nodes/world.py", "sim_nodes/pilots.py",
-            "iolspi_ros/experiments", "iolspi_ros/report", "iolspi_ros/bags"]  # fmt: skip
+            "sim_nodes/autopilot", "iolspi_ros/experiments", "iolspi_ros/report",
+            "iolspi_ros/bags"]  # fmt: skip
 
 
 def imports(path):

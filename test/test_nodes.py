@@ -21,6 +21,7 @@ from iolspi_ros import bags, qos, wire
 from iolspi_ros.core.online import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.nodes import runtime
+from iolspi_ros.nodes.stick import Stick, StickSettings
 from iolspi_ros.resources import find
 
 SET_5 = find("demos", "pendulum", "set_5")
@@ -421,6 +422,19 @@ def test_a_replay_can_keep_the_recorded_time(nodes, peer):
     assert time.monotonic() - start > 1.4
     peer.until(lambda: len(peer.heard["demonstration"]) == 2)
     assert list(peer.heard["demonstration"][-1].data[-2:]) == [0.0, 6300.0]
+
+
+def test_an_axis_may_leave_the_last_action_to_a_button():
+    """As for the slung load: -3, 0, +3 m/s² on the stick, the release on the first button."""
+    stick = Stick(StickSettings(joy_actions=3, joy_buttons=(3,)), 4, 1)
+    chosen = []
+    for axis, button in ((1.0, 0), (0.0, 0), (-1.0, 0), (-1.0, 1), (0.9, 0)):
+        stick.take(Joy(axes=[axis], buttons=[button]))
+        chosen.append(stick.action())
+    assert chosen == [0, 1, 2, 3, 0]
+    everything = Stick(StickSettings(), 4, 1)
+    everything.take(Joy(axes=[-1.0], buttons=[]))
+    assert everything.action() == 3
 
 
 def test_without_a_joystick_nothing_is_recorded(nodes, peer, tmp_path):

@@ -45,14 +45,14 @@ def test_a_step_is_predicted_as_the_vehicle_makes_it():
 def test_what_cannot_brake_in_time_is_vetoed_and_what_can_is_not():
     guard = cart_shield().guard
     # From v at 2 m/s² Euler's method needs x = H Σ v_k = v²/4 + H v/2 more to stop.
-    for speed in (1.0, 2.0, 3.0):
+    for speed in (1.0, 1.6):  # stops within the horizon
         needed = speed**2 / 4 + H * speed / 2
         late, early = np.array([5.0 - needed + 0.1, speed]), np.array([5.0 - needed - 0.7, speed])
         assert not any(allowed(guard, late, action) for action in range(3))
         assert allowed(guard, early, 0)
         steps = [lasting(guard, late, action) for action in range(3)]
         assert steps[safest(guard, late, np.array([0.0, 1.0, 2.0]))] == max(steps) < HORIZON
-    assert safest(guard, np.array([2.9, 3.0]), np.array([0.0, 1.0, 2.0])) == 0  # whatever Q̂ says
+    assert safest(guard, np.array([4.0, 1.8]), np.array([0.0, 1.0, 2.0])) == 0  # whatever Q̂ says
     assert lasting(guard, np.zeros(2), 2) == HORIZON
     assert safest(guard, np.zeros(2), np.array([0.0, 1.0, 2.0])) == 2
 

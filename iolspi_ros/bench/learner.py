@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros import resources
 from iolspi_ros.bench.rows import Row, at_least, at_most
-from iolspi_ros.experiments import cache, engine
+from iolspi_ros.experiments import engine
 from iolspi_ros.experiments.engine import Cell
 from iolspi_ros.experiments.learning import HANGING, LITERAL, REFRESHED, Learning, best, learn
 from iolspi_ros.experiments.results import Store
@@ -73,7 +74,7 @@ def total(seeds: int) -> int:
 
 def measure(seeds: int, show: Callable[[int], None]) -> Mapping[tuple[str, str], Curves]:
     """Every realisation, on every core; those of an earlier call are in the user's cache."""
-    store = Store(cache.folder() / "realisations")
+    store = Store(resources.cache_folder() / "realisations")
     found = {}
     cells = {key: Cell(str(key), learn, s, seeds) for key, s in settings().items()}
     lacking = engine.missing(cells.values(), store)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import bar, console, yardstick
+from iolspi_ros.cli.progress import console, yardstick
 from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.watch import Watch, fresh
 from iolspi_ros.errors import InputError
 
 
@@ -46,7 +45,7 @@ def demo(
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     count = episodes_to_fly(vehicle, seconds, episodes, 1)
-    out = _fresh(out)
+    out = fresh(out, "simulator.log")
     domain = graph.isolate()
     console.print(
         f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
@@ -78,17 +77,6 @@ def _known(task: str) -> str:
     return task
 
 
-def _fresh(out: Path) -> Path:
-    """An empty folder; what an earlier demo left there goes."""
-    from iolspi_ros import resources
-
-    if out.is_dir() and any(out.iterdir()) and not (out / "simulator.log").is_file():
-        raise InputError(f"--out {out} holds other files; allowed: a new folder, or a demo's")
-    shutil.rmtree(out, ignore_errors=True)
-    resources.make_folder(out)
-    return out
-
-
 def _watch(
     nodes: Any, monitor: Any, vehicle: Any, episodes: int, bag: Path
 ) -> tuple[Any, dict[str, Any]]:
@@ -97,36 +85,23 @@ def _watch(
 
     from iolspi_ros.bags import read_card
 
-    def follow(what: str, total: int, done: Callable[[], int], seconds: float) -> None:
-        with bar(what, total) as show:
-
-            def ready() -> bool:
-                nodes.check()
-                show(done())
-                return done() >= total
-
-            monitor.wait(ready, seconds, what)
-
-    def connected() -> bool:
-        nodes.check()
-        return bool(monitor.connected())
-
-    monitor.wait(connected, 60.0, "the start of simulator and learner")
+    watch = Watch(nodes, monitor)
+    watch.wait(monitor.connected, 60.0, "the start of simulator and learner")
     monitor.listen_to_samples()
     shown = len(vehicle.initial_states())  # one from each start, without learning
     samples = int(read_card(bag).get("samples", 1))
-    follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
-    follow("learning offline", 1, lambda: monitor.updates, 120.0)
+    watch.follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
+    watch.follow("learning offline", 1, lambda: monitor.updates, 120.0)
     begin = time.monotonic()
     online = 60.0 + episodes
-    follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
+    watch.follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
     took = time.monotonic() - begin
     steps = sum(len(episode.states) for episode in monitor.episodes)
     monitor.switch("/learner/learn", on=False)
     monitor.trigger("/learner/save")
     monitor.set_parameters("simulator", order="sweep", episodes=shown)
     monitor.trigger("/simulator/reset")
-    follow("showing [episodes]", shown, lambda: len(monitor.scores) - episodes, 60.0)
+    watch.follow("showing [episodes]", shown, lambda: len(monitor.scores) - episodes, 60.0)
     monitor.wait_for_ends(episodes + shown, 7.0)
     return monitor.history(episodes), {
         "lockstep_seconds": round(took, 2),
@@ -147,8 +122,6 @@ def _report(
     demonstration: int,
 ) -> None:
     """Compute what needs no graph, and write the pages."""
-    from iolspi_ros import resources
-    from iolspi_ros.bags import read_demonstration
     from iolspi_ros.experiments.evaluate import succeeded
     from iolspi_ros.experiments.headless import literal_beside, prepare
     from iolspi_ros.report import run as report
@@ -170,18 +143,17 @@ def _report(
     title = f"Learning the {vehicle.name.replace('_', ' ')} from demonstrations"
     best = yardstick(vehicle)
     with console.status("flying the literal algorithm beside, drawing …"):
-        bag = resources.find("demos", vehicle.name, f"set_{demonstration}")
-        taught = read_demonstration(bag, vehicle.name, vehicle.joints)
         beside = literal_beside(
-            vehicle.name, config, extra["seed"], taught.transitions(len(vehicle.low)),
-            len(history.scores),
-        )  # fmt: skip
+            vehicle.name, config, extra["seed"], history.taught, len(history.scores)
+        )
         summary = report.finish(out, title, lead, vehicle, features, history, best, extra, beside)
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
         f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] "
         f"{report.near_optimal_words(summary)};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(shown)} episodes shown on the graph "
-        f"{vehicle.success}. That took {summary['wall_seconds']:.0f} s.\n"
+        f"{vehicle.success}; after the demonstrations alone it was "
+        f"{summary['success_fraction_offline']:.0%} of the starts. "
+        f"That took {summary['wall_seconds']:.0f} s.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )

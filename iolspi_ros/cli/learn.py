@@ -61,8 +61,9 @@ def learn(
             f"be learned; allowed: at least {least}"
         )
     resources.make_folder(out)
-    history = History(vehicle.dt)
-    transitions = _inform(learner, history, vehicle, demos) if demos else None
+    history = History(vehicle.dt, _taught(vehicle, demos or []))
+    if demos:
+        _inform(learner, history)
     try:
         with bar("learning online [episodes]", count) as show:
             train(world, learner, count, remember(history, learner, show))
@@ -75,7 +76,7 @@ def learn(
     lead = "Learned without a graph, by the same core that the learner node runs."
     best = yardstick(vehicle)
     with console.status("flying the literal algorithm beside, drawing …"):
-        beside = literal_beside(task, file, seed, transitions, len(history.scores))
+        beside = literal_beside(task, file, seed, history.taught, len(history.scores))
         summary = report.finish(
             out, f"Learning the {task.replace('_', ' ')}", lead, vehicle, learner.features, history,
             best, extra, beside,
@@ -87,28 +88,31 @@ def learn(
     )
 
 
-def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Path]) -> Transitions:
-    """Offline LSPI on every bag together."""
+def _taught(vehicle: Task, demos: list[Path]) -> Transitions:
+    """What all bags hold together."""
     from iolspi_ros.bags import numbered_through, read_demonstration
     from iolspi_ros.core.samples import Transitions
-    from iolspi_ros.experiments.history import Policy
 
     found = [read_demonstration(path, vehicle.name, vehicle.joints) for path in demos]
     for demonstration in found:
         for note in demonstration.notes:
             console.print(f"{demonstration.path}: {note}; the rest is used")
     samples = numbered_through(found)
-    transitions = Transitions.of([s.transition for s in samples], len(vehicle.low))
+    return Transitions.of([s.transition for s in samples], len(vehicle.low))
+
+
+def _inform(learner: OnlineLSPI, history: History) -> None:
+    """Learn from what was demonstrated."""
+    from iolspi_ros.experiments.history import Policy
+
     with bar("learning offline", learner.settings.max_iterations) as show:
 
         def proceed(iteration: int, change: float) -> bool:
             show(iteration)
             return True
 
-        result = learner.inform(transitions, proceed)
+        result = learner.inform(history.taught, proceed)
         show(learner.settings.max_iterations)
     console.print(result.describe())
-    history.demonstrated = list(transitions.state)
     history.offline = result.describe()
     history.policies.append(Policy.of(result, 0.0, learner.weights))
-    return transitions

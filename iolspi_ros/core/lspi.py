@@ -30,7 +30,12 @@ class Features(Protocol):
         ...
 
 
-def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -> Actions:
+def greedy(
+    weights: Array,
+    phi: Array,
+    rng: np.random.Generator | None = None,
+    among: NDArray[np.bool_] | None = None,
+) -> Actions:
     """Action with the largest Q̂(s, a) = φᵀ(s) w_a (T Eqs. 6, 7).
 
     Parameters
@@ -39,12 +44,16 @@ def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -
     phi : ndarray of shape (n_samples, size)
     rng : numpy.random.Generator, optional
         Breaks exact ties at random; without it the first action wins.
+    among : ndarray of bool, shape (n_samples, n_actions), optional
+        Actions to choose from; all by default.
 
     Returns
     -------
     ndarray of int, shape (n_samples,)
     """
     q = phi @ weights.T
+    if among is not None:
+        q = np.where(among, q, -np.inf)
     chosen = q.argmax(axis=1)
     if rng is not None:
         best = q == q[np.arange(len(q)), chosen][:, None]
@@ -83,6 +92,8 @@ class BlockSystem:
     delta : float
         δ of Γ₀ = δI; may be changed between policies.
     scaling : {"samples", "weights"}
+    among : ndarray of bool, shape (n_samples, n_actions), optional
+        Actions that a policy may choose from in the next states; all by default.
     """
 
     def __init__(
@@ -94,8 +105,9 @@ class BlockSystem:
         weight: Array,
         delta: float,
         scaling: str = "samples",
+        among: NDArray[np.bool_] | None = None,
     ) -> None:
-        self.gamma, self.delta, self.scaling = gamma, delta, scaling
+        self.gamma, self.delta, self.scaling, self.among = gamma, delta, scaling, among
         self.phi = features(transitions.state)
         self.next_phi = features(transitions.next_state, transitions.terminated)
         self.action = transitions.action
@@ -107,7 +119,7 @@ class BlockSystem:
 
     def policy(self, weights: Array) -> Actions:
         """Greedy actions in the next states, shape (n_samples,)."""
-        return greedy(weights, self.next_phi)
+        return greedy(weights, self.next_phi, among=self.among)
 
     def values(self, weights: Array) -> Array:
         """Q̂ in the next states, shape (n_samples, n_actions)."""
@@ -277,6 +289,7 @@ def offline_lspi(
     max_iterations: int,
     weights: Array,
     scaling: str = "samples",
+    among: NDArray[np.bool_] | None = None,
     proceed: Callable[[int, float], bool] = always,
 ) -> tuple[Iteration, Moments]:
     """Iterate policies on one fixed set of samples (T Algorithm 1).
@@ -295,6 +308,8 @@ def offline_lspi(
         As in `policy_iteration`.
     scaling
         As in `solve`.
+    among
+        As of `BlockSystem`.
 
     Returns
     -------
@@ -303,7 +318,7 @@ def offline_lspi(
         Γ, z, and the Λ that the last weights were solved from.
     """
     weight = np.ones(len(transitions))  # T forgets nothing here
-    system = BlockSystem(transitions, features, n_actions, gamma, weight, delta, scaling)
+    system = BlockSystem(transitions, features, n_actions, gamma, weight, delta, scaling, among)
     found = policy_iteration(
         system, weights, chi=chi, max_iterations=max_iterations, proceed=proceed
     )

@@ -223,16 +223,19 @@ class OnlineLSPI:
                 f"none of {len(transitions)} demonstrated transitions is usable; allowed: finite "
                 f"numbers and actions 0 to {s.n_actions - 1}"
             )
+        rows = transitions[usable]
         if not self.literal:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
-            found = self._refreshed(transitions[usable], start, True, proceed)()
+            found = self._refreshed(rows, start, True, proceed)()
         else:
+            shield = self.shield.learn(rows)
             iteration, moments = offline_lspi(
-                transitions[usable],
+                rows,
                 self.features,
                 s.n_actions,
                 gamma=s.gamma,
                 delta=s.delta,
+                among=shield.among(rows.next_state),
                 chi=s.chi,
                 max_iterations=s.max_iterations,
                 weights=self.rng.standard_normal(self.weights.shape),
@@ -240,7 +243,6 @@ class OnlineLSPI:
                 proceed=proceed,
             )
             solved = iteration.solve
-            shield = self.shield.learn(transitions[usable])
             found = Outcome(
                 solved.weights, solved, moments, self.buffer, shield, iteration=iteration
             )
@@ -248,7 +250,7 @@ class OnlineLSPI:
         change = float(np.linalg.norm(found.solve.weights - self.weights))
         if accepted:
             self._take(found)
-            self.n_samples += int(usable.sum())
+            self.n_samples += len(rows)
         return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
 
     def update(self) -> Update:
@@ -268,7 +270,8 @@ class OnlineLSPI:
 
         def compute() -> Outcome:
             phi, next_phi = features.along(batch)
-            next_action = greedy(weights, next_phi, tie_breaker)
+            among = shield.among(batch.next_state)
+            next_action = greedy(weights, next_phi, tie_breaker, among)
             grown = accumulate(
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
             )
@@ -317,11 +320,12 @@ class OnlineLSPI:
 
         def compute() -> Outcome:
             buffer = kept.add(batch, step, demonstrated)
-            found = refresh(buffer, step, features, s, weights, starts, proceed)
+            grown = shield.learn(batch, 1.0 if demonstrated else s.forget_factor)
+            among = grown.among(buffer.transitions.next_state)
+            found = refresh(buffer, step, features, s, weights, starts, proceed, among)
             return Outcome(
-                found.weights, found.solve, moments, buffer,
-                shield.learn(batch, 1.0 if demonstrated else s.forget_factor),
-                found.judgement, found.iteration,
+                found.weights, found.solve, moments, buffer, grown, found.judgement,
+                found.iteration,
             )  # fmt: skip
 
         return compute

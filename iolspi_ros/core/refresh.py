@@ -90,6 +90,7 @@ def refresh(
     weights: Array,
     starts: Array,
     proceed: Callable[[int, float], bool] = always,
+    among: NDArray[np.bool_] | None = None,
 ) -> Refreshed:
     """Find the best policy that the samples kept can tell.
 
@@ -107,6 +108,8 @@ def refresh(
         States in which episodes began.
     proceed : callable
         As in `policy_iteration`; a false answer ends the search.
+    among : ndarray of bool, shape (n_samples, n_actions), optional
+        Actions to choose from in the next states; see `lspi.BlockSystem`.
 
     Returns
     -------
@@ -117,7 +120,7 @@ def refresh(
     # Whichever is smaller: one unknown for each function and action, or one for each sample.
     many = s.n_actions * basis.size > len(buffer) and not len(basis.table.kept)
     kind = DualSystem if many else BlockSystem
-    system = kind(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0)
+    system = kind(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0, among=among)
     found = _candidates(system, buffer, s, weights, proceed)
     healthy = [candidate for candidate in found if candidate.solve.healthy]
     if not healthy:

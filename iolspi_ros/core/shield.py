@@ -26,11 +26,7 @@ SAMPLES_PER_TERM = 3
 """Every action must be seen so often for each coefficient before the fit is believed."""
 RIDGE = 1e-9
 """Of the regression, in weights of a sample."""
-HOLD = 3
-"""Steps for which an action on the way out is held."""
-DEPTH = 6
-"""Such actions one after the other; with the first step, what is looked ahead."""
-HORIZON = 1 + HOLD * DEPTH
+HORIZON = 9
 """Steps after which a vehicle that is still inside is taken to stay there."""
 
 
@@ -131,6 +127,24 @@ class Shield:
         gram, cross, seen, ended = grown
         return replace(self, gram=gram, cross=cross, seen=seen, ended=ended)
 
+    def among(self, states: Array) -> NDArray[np.bool_] | None:
+        """Actions that it leaves to choose from; None for all of them in all states.
+
+        Parameters
+        ----------
+        states : ndarray of shape (n_samples, n_dims)
+
+        Returns
+        -------
+        ndarray of bool, shape (n_samples, n_actions), or None
+        """
+        if not self.guard.active:
+            return None
+        steps = np.empty((len(states), len(self.seen)), np.int64)
+        _lasting_all(self.guard, np.ascontiguousarray(states), steps)
+        most: NDArray[np.bool_] = steps == steps.max(axis=1, keepdims=True)
+        return most
+
     @cached_property
     def guard(self) -> Guard:
         """The fit, ready to be asked."""
@@ -196,39 +210,38 @@ def predict(guard: Guard, state: Array, action: int, terms: Array, out: Array) -
 def lasting(guard: Guard, state: Array, action: int) -> int:
     """Steps that the vehicle can stay inside after an action, at most `HORIZON`.
 
-    Whatever comes after the action is searched depth first: each further action is held for
-    `HOLD` steps, and the search ends with the first way found that stays inside. An action
-    that ends the task leaves nothing to fear.
+    Whatever comes after the action is searched depth first, until a way is found that stays
+    inside. An action that ends the task leaves nothing to fear.
     """
     if guard.ends[action]:
         return HORIZON
     n_actions, n_terms = guard.weights.shape[0], guard.weights.shape[2]
     terms = np.empty(n_terms)
-    states = np.empty((DEPTH + 1, len(state)))
-    following = np.zeros(DEPTH + 1, np.int64)
+    states = np.empty((HORIZON, len(state)))
+    following = np.zeros(HORIZON, np.int64)
     if not predict(guard, state, action, terms, states[0]):
         return 0
     most, level = 1, 0
     while level >= 0:
-        if level == DEPTH:
+        if level + 1 == HORIZON:
             return HORIZON
         a = following[level]
         following[level] += 1
         if a == n_actions:
             level -= 1
             continue
-        if guard.ends[a]:
-            continue
-        states[level + 1] = states[level]
-        held = 0
-        while held < HOLD and predict(guard, states[level + 1], a, terms, states[level + 1]):
-            held += 1
-        most = max(most, 1 + HOLD * level + held)
-        if held == HOLD:
+        if not guard.ends[a] and predict(guard, states[level], a, terms, states[level + 1]):
             level += 1
-            if level < DEPTH:
-                following[level] = 0
+            following[level] = 0
+            most = max(most, level + 1)
     return most
+
+
+@njit(cache=True)
+def _lasting_all(guard: Guard, states: Array, steps: NDArray[np.int64]) -> None:
+    for row in range(len(states)):
+        for action in range(steps.shape[1]):
+            steps[row, action] = lasting(guard, states[row], action)
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ def fly(
     learner: OnlineLSPI,
     episodes: int,
     on_update: Callable[[Update], None],
-    on_episode: Callable[[float], None],
+    on_episode: Callable[[float, float, bool], None],
 ) -> None:
     """Act and learn for some episodes.
 
@@ -50,7 +50,7 @@ def fly(
             if len(learner.batch) >= learner.settings.update_interval:
                 on_update(learner.update())
             if over:
-                on_episode(score)
+                on_episode(score, flight.reward, ended)
                 break
             action = learner.choose(flight.q.tolist()) if tied else -1
 
@@ -65,7 +65,7 @@ class _Flight:
         self.q = np.empty(learner.settings.n_actions)
         self.factors = np.empty(int(table.counts.sum()))
         self.phi = np.empty(learner.features.size)
-        self.score = 0.0  # sum of rewards of the latest stretch
+        self.score, self.reward = 0.0, 0.0  # of the latest stretch: their sum, and the last one
 
     def stretch(self, left: int, action: int) -> tuple[int, bool, bool]:
         """Fly until the batch or the episode is full, the task ends, or Q̂ leaves a choice.
@@ -100,6 +100,7 @@ class _Flight:
         )  # fmt: skip
         learner.batch.written(steps)
         self.score = float(rows.reward[:steps].sum())
+        self.reward = float(rows.reward[steps - 1]) if steps else self.reward
         learner.step += steps
         learner.vetoes += vetoes
         world.flown(self.state.copy(), steps)

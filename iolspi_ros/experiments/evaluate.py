@@ -13,6 +13,7 @@ from iolspi_ros import __version__
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
+from iolspi_ros.core.shield import Shield
 from iolspi_ros.experiments import cache
 from iolspi_ros.experiments.history import Episode
 from sim_nodes.tasks.base import Task
@@ -34,6 +35,8 @@ class Evaluation:
     score : ndarray of shape (n,)
         Sum of the rewards of each, not discounted.
     succeeded : ndarray of bool, shape (n,)
+    ending : ndarray of int, shape (n,)
+        Which of the task's endings each came to.
     """
 
     states: Array
@@ -41,6 +44,7 @@ class Evaluation:
     discounted: Array
     score: Array
     succeeded: NDArray[np.bool_]
+    ending: NDArray[np.int64]
 
     @property
     def discounted_return(self) -> float:
@@ -53,9 +57,14 @@ class Evaluation:
         return float(self.succeeded.mean())
 
 
-def policy_of(weights: Array, features: Basis) -> Policy:
-    """The greedy policy of some weights, shape (n_actions, size)."""
-    return lambda states: greedy(weights, features(states))
+def policy_of(weights: Array, features: Basis, shield: Shield | None = None) -> Policy:
+    """The greedy policy of some weights, shape (n_actions, size), behind a shield if any."""
+
+    def policy(states: Array) -> NDArray[np.int64]:
+        among = shield.among(states) if shield else None
+        return greedy(weights, features(states), among=among)
+
+    return policy
 
 
 def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
@@ -75,13 +84,14 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     """
     state = task.initial_states()
     alive = np.ones(len(state), bool)
-    total, discount = np.zeros(len(state)), 1.0
+    total, last, discount = np.zeros(len(state)), np.zeros(len(state)), 1.0
     states, actions, rewards = [state], [], []
     for _ in range(task.episode_steps):
         action = policy(state)
         following, reward, terminated = task.step(state, action, time)
         rewards.append(np.where(alive, reward, 0.0))
         total += discount * rewards[-1]
+        last = np.where(alive, reward, last)
         state = np.where(alive[:, None], following, state)
         alive &= ~terminated
         discount *= task.gamma
@@ -89,7 +99,8 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
         actions.append(action)
     history, gained = np.stack(states), np.stack(rewards)
     succeeded = task.succeeded(history, gained)
-    return Evaluation(history, np.stack(actions), total, gained.sum(axis=0), succeeded)
+    ending = task.ending(last, ~alive)
+    return Evaluation(history, np.stack(actions), total, gained.sum(axis=0), succeeded, ending)
 
 
 def succeeded(task: Task, episodes: Sequence[Episode]) -> NDArray[np.bool_]:

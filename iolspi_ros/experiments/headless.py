@@ -53,12 +53,13 @@ class Listener:
     on_update : callable
         With each policy update.
     on_episode : callable
-        With each episode's sum of rewards (T: learning score).
+        With each episode's sum of rewards (T: learning score), its last reward, and whether the
+        task ended there.
     """
 
     on_observation: Callable[[Observation, int, Source], None] | None = None
     on_update: Callable[[Update], None] = lambda update: None
-    on_episode: Callable[[float], None] = lambda score: None
+    on_episode: Callable[[float, float, bool], None] = lambda score, reward, terminated: None
 
 
 def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) -> None:
@@ -96,7 +97,7 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
                 listener.on_update(learner.update())
             seen = following
             score += seen.reward
-        listener.on_episode(score)
+        listener.on_episode(score, seen.reward, seen.terminated)
         look(seen, -1, Source.HOLD)
 
 
@@ -120,7 +121,7 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
 
 def literal_beside(
-    task: str, file: Path, seed: int, transitions: Transitions | None, episodes: int
+    task: str, file: Path, seed: int, taught: Transitions, episodes: int
 ) -> tuple[OnlineLSPI, History] | None:
     """The thesis' own algorithm in the same situation, to compare with.
 
@@ -140,10 +141,10 @@ def literal_beside(
     if settings == configured.settings:
         return None
     learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-    history = History(world.task.dt)
+    history = History(world.task.dt, taught)
     listener = remember(history, learner, lambda done: None)
-    if transitions is not None:
-        update = learner.inform(transitions)
+    if len(taught):
+        update = learner.inform(taught)
         history.policies.append(Policy.of(update, 0.0, learner.weights))
     train(world, learner, episodes, listener)
     return learner, history

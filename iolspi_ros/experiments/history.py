@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.online import Update
 from iolspi_ros.core.refresh import Judgement
-from iolspi_ros.core.samples import Observation
+from iolspi_ros.core.samples import Observation, Transitions
 
 Array = NDArray[np.float64]
 
@@ -85,8 +84,8 @@ class History:
     ----------
     dt : float
         Sampling time [s].
-    demonstrated : list of ndarray, each of shape (n_dims,)
-        States of the samples that were demonstrated.
+    taught : Transitions
+        What was demonstrated.
     episodes : list of Episode
         Those flown while learning.
     scores : list of float
@@ -99,7 +98,7 @@ class History:
     """
 
     dt: float
-    demonstrated: Sequence[Array] = field(default_factory=list)
+    taught: Transitions
     episodes: list[Episode] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
     policies: list[Policy] = field(default_factory=list)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
@@ -41,7 +42,7 @@ def summarise(task: Task, features: Basis, history: History, best: Evaluation) -
     return {
         "task": task.name,
         "version": __version__,
-        "demonstrated_samples": len(history.demonstrated),
+        "demonstrated_samples": len(history.taught),
         "offline": history.offline,
         "episodes": len(history.scores),
         "vehicle_seconds": round(history.vehicle_time, 6),
@@ -59,12 +60,18 @@ def _ends(task: Task, history: History) -> dict[str, Any]:
     """How episodes ended, where there is more than one way."""
     if len(task.endings) == 1:
         return {}
-    counted = {"ends_while_learning": whole(history.episodes), "ends_shown": whole(history.shown)}
-    return {name: _shares(task, episodes) for name, episodes in counted.items() if episodes}
+    taught = history.taught
+    ends = taught.terminated | taught.truncated
+    counted = {
+        "ends_demonstrated": task.ending(taught.reward[ends], taught.terminated[ends]),
+        "ends_while_learning": endings(task, whole(history.episodes)),
+        "ends_shown": endings(task, whole(history.shown)),
+    }
+    return {name: _shares(task, found) for name, found in counted.items() if len(found)}
 
 
-def _shares(task: Task, episodes: Sequence[Episode]) -> dict[str, float]:
-    counts = np.bincount(endings(task, episodes), minlength=len(task.endings)) / len(episodes)
+def _shares(task: Task, ends: NDArray[np.int64]) -> dict[str, float]:
+    counts = np.bincount(ends, minlength=len(task.endings)) / len(ends)
     return {name: round(float(c), 4) for name, c in zip(task.endings, counts, strict=True)}
 
 
@@ -243,7 +250,6 @@ def _maps(task: Task, features: Basis, history: History, best_policy: NearOptima
     n_dims = len(task.low)
     flown = [state for episode in history.episodes for state in episode.states]
     online = np.array(flown).reshape(-1, n_dims)
-    demonstrated = np.array(history.demonstrated).reshape(-1, n_dims)
     learned = policy_of(history.policies[-1].weights, features)
     return [
         Part(
@@ -252,5 +258,5 @@ def _maps(task: Task, features: Basis, history: History, best_policy: NearOptima
             "Compare them where the vehicle has been (below); elsewhere nothing was learned."
             + (" Where the state has more variables, they are zero here." * (n_dims > 2)),
         ),
-        Part("Where it has been", plots.visit_maps(task, demonstrated, online)),
+        Part("Where it has been", plots.visit_maps(task, history.taught.state, online)),
     ]

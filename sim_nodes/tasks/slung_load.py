@@ -93,13 +93,24 @@ def _dunks(state: Array, parameters: Array) -> bool:
 
 
 @njit(cache=True)
+def _judge(state: Array, following: Array, parameters: Array) -> tuple[float, bool]:
+    """Reward and end of a step with the load on its cable (T Eq. 20)."""
+    left, right = parameters[5:7]
+    if following[0] < left or following[0] > right:
+        return WALL, True
+    if abs(following[2]) > math.pi / 2:
+        return CABLE, True
+    return -0.5 * abs(state[0] - parameters[2]), False
+
+
+@njit(cache=True)
 def _step(
     state: Array, action: int, noise: float, parameters: Array, following: Array
 ) -> tuple[float, bool]:
     """One T_s by Euler's method (T Eqs. 18, 19); reward and end of T Eq. 20."""
     x, speed, angle, rate = state
-    g, L, goal = parameters[:3]
-    left, right, h = parameters[5:]
+    g, L = parameters[:2]
+    h = parameters[7]
     a = _ACCELERATIONS[action] + noise
     following[0] = x + speed * h
     following[1] = speed + a * h
@@ -107,11 +118,7 @@ def _step(
     following[3] = rate - (math.cos(angle) * a + math.sin(angle) * g / L) * h
     if action == RELEASE:
         return (DUNK if _dunks(state, parameters) else MISS), True
-    if following[0] < left or following[0] > right:
-        return WALL, True
-    if abs(following[2]) > math.pi / 2:
-        return CABLE, True
-    return -0.5 * abs(x - goal), False
+    return _judge(state, following, parameters)
 
 
 @guvectorize(
@@ -248,3 +255,19 @@ class SlungLoad(Settings):
         """Whether each episode ended with the load in the basket."""
         dunked: NDArray[np.bool_] = np.any(rewards == DUNK, axis=0)
         return dunked
+
+    def judge(self, state: Array, following: Array) -> tuple[float, bool]:
+        """Reward and end of a step that was flown with the load on its cable, not computed.
+
+        Parameters
+        ----------
+        state, following : ndarray of shape (4,)
+            As measured, one sampling time apart.
+        """
+        reward, terminated = _judge(state, following, self.parameters(0.0))
+        return float(reward), bool(terminated)
+
+    def landed(self, landing: float | None) -> float:
+        """Reward for a load that crossed the rim's plane at x [m], or (None) never was above it."""
+        inside = landing is not None and abs(landing - self.goal) <= self.margin
+        return DUNK if inside else MISS

@@ -19,10 +19,11 @@ def studies() -> dict[str, Study]:
         chapter10,
         finding,
         part1,
+        slung_load,
     )
 
     found: dict[str, Study] = {}
-    for chapter in (part1, chapter5, chapter8, chapter9, chapter10, finding):
+    for chapter in (part1, slung_load, chapter5, chapter8, chapter9, chapter10, finding):
         for study in chapter.studies():
             assert study.name not in found, f"two studies named {study.name}"
             found[study.name] = study

@@ -134,7 +134,7 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     ),
     "fig10-7": (
         Claim("With γ = 0.8 the pendulum cannot be swung up", "10-1-1, Fig. 10-7",
-              "last four episodes", reached("γ = 0.8", slice(0, 4), 0.0, 0.1)),
+              "last four episodes", reached("γ = 0.8", slice(0, 4), below=0.1)),
     ),
     "fig10-9": (
         Claim("Noise on the action improves the policies: implicit exploration",
@@ -154,7 +154,7 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     ),
     "fig10-11": (
         Claim("Even with noise of 10 V the controller can swing up", "10-1-2, Fig. 10-11",
-              "last four episodes", reached("σ_a = 10 V", slice(0, 4), 0.8, 1.0)),
+              "last four episodes", reached("σ_a = 10 V", slice(0, 4), above=0.8)),
     ),
     "fig10-12": (
         Claim("High sensor noise (25°, 125°/s) reduces the performance", "10-1-2, Fig. 10-12",
@@ -190,8 +190,8 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig10-19": (
         Claim("At 19.81 m/s², ε = 0.2 is too much random action to come upright; ε = 0.05 is not",
               "10-1-3, Fig. 10-19", "last two episodes",
-              every(reached("ε = 0.2", slice(4, 6), 0.0, 0.2),
-                    reached("ε = 0.05", slice(4, 6), 0.5, 1.0))),
+              every(reached("ε = 0.2", slice(4, 6), below=0.2),
+                    reached("ε = 0.05", slice(4, 6), above=0.5))),
         Claim("At 19.81 m/s² it takes a lot of swings", "10-1-3, Fig. 10-19", "ε = 0.05",
               _many_swings),
     ),
@@ -215,7 +215,7 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig10-24": (
         Claim("While g grows the agent keeps swinging up most of the times",
               "10-1-3, Fig. 10-24", "η = 0.99991, ε = 0.05, last ten episodes",
-              reached("ε = 0.05", slice(0, 10), 0.5, 1.0)),
+              reached("ε = 0.05", slice(0, 10), above=0.5)),
     ),
     "fig10-26": (
         Claim("η = 0.99991 shows a rather good average performance, 0.9995 a poor one",

@@ -64,7 +64,8 @@ class Claim:
     decide : callable
         From the results of the study's cells to one finding for each part of the claim.
     why : str
-        As far as measured, when it is not reproduced, or not in full.
+        As far as measured, when it is not reproduced, or not in full; which parts those are is
+        said anyway.
     """
 
     text: str
@@ -78,6 +79,16 @@ def verdict(findings: list[Finding]) -> Verdict:
     """Of a whole claim: reproduced or not when all its parts are, else partly."""
     found = {finding.verdict for finding in findings}
     return found.pop() if len(found) == 1 else Verdict.PARTLY
+
+
+def shortfall(findings: list[Finding]) -> str:
+    """Which parts of a claim do not hold, and which are left open; empty when all hold."""
+    said = []
+    for kind, text in ((Verdict.NOT, "does not hold"), (Verdict.PARTLY, "left open")):
+        parts = [finding.what for finding in findings if finding.verdict is kind]
+        if parts:
+            said.append(f"{text}: {'; '.join(parts)}")
+    return ". ".join(said)
 
 
 def above(what: str, measured: Interval, limit: float = 0.0) -> Finding:

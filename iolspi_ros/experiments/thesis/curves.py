@@ -119,11 +119,14 @@ def over(data: Data, label: str, what: str, begin: float, end: float) -> Array:
     ----------
     what : {"discounted", "upright", "whole", "score"}
     begin, end : float
-        Ends included [s].
+        Ends included [s]. A stretch between two looks takes the nearer one.
     """
     cell = data[label]
     values, last = cell[what], cell["time"][0, -1]
     n = values.shape[1]
     time = cell["time"][0] if n == cell["time"].shape[1] else (np.arange(n) + 0.5) / n * last
-    chosen = (time >= begin * last / SECONDS) & (time <= end * last / SECONDS)
+    begin, end = begin * last / SECONDS, end * last / SECONDS
+    chosen = (time >= begin) & (time <= end)
+    if not chosen.any():
+        chosen[np.abs(time - (begin + end) / 2).argmin()] = True
     return np.asarray(values[:, chosen].mean(axis=1))

@@ -9,7 +9,7 @@ from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.engine import Data
-from iolspi_ros.experiments.thesis.claims import OURS, Verdict, verdict
+from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding, Verdict, shortfall, verdict
 from iolspi_ros.experiments.thesis.study import Rows, Study, read_rows, write_rows
 from iolspi_ros.experiments.versions import libraries
 
@@ -38,11 +38,17 @@ def save(study: Study, data: Data, folder: Path) -> Rows:
             "realisations": max((cell.seeds for cell in study.cells), default=0),
             "measured": "; ".join(finding.describe() for finding in findings),
             "verdict": verdict(findings).value,
-            "why": claim.why if verdict(findings).value != "reproduced" else "",
+            "why": _why(claim, findings),
         }
         for claim in study.claims
         for findings in [claim.decide(data)]
     ]
+
+
+def _why(claim: Claim, findings: list[Finding]) -> str:
+    """What keeps a claim from being reproduced, as far as measured."""
+    short = shortfall(findings)
+    return f"{claim.why}. {short}" if short and claim.why else short
 
 
 def draw(study: Study, folder: Path) -> None:

@@ -1,0 +1,10 @@
+"""An embedded autopilot: a quadrotor with a slung load that speaks MAVLink 2.
+
+`iolspi sitl --like px4` starts one; `server.Sitl` is the same inside a test:
+
+    with Sitl("ardupilot", ["udpout:127.0.0.1:14550"], {"SIM_SPEEDUP": 4.0}) as sitl:
+        ...
+
+Inside all is north, east, down, as on the wire: this is the far side of the bridge and shares
+nothing with it but MAVLink.
+"""

@@ -1,0 +1,201 @@
+"""From a target (position, velocity, acceleration) to attitude and thrust: pure functions.
+
+Two ways to follow a target, as the autopilots have them: `shaped` lets a reference move under
+limits of acceleration and jerk and steers the vehicle along it (ArduCopter); the other way a
+velocity wanted gives an acceleration in proportion to its error (PX4).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim_nodes.autopilot.dynamics import PITCH, ROLL, YAW, Airframe, move, thrust_direction
+
+Array = NDArray[np.float64]
+
+PLACE, SPEED, PUSH = 1, 2, 4
+"""What a target says about an axis: position, velocity, acceleration; added where several."""
+
+
+class Gains(NamedTuple):
+    """How a vehicle follows its targets; horizontal before vertical where there are two."""
+
+    shaped: bool
+    jerk: tuple[float, float]  # [m/s^3]
+    acceleration: tuple[float, float]  # when a velocity is followed [m/s^2]
+    speed: tuple[float, float, float]  # when a position is followed: horizontal, up, down [m/s]
+    top_speed: float  # horizontal, beyond which no acceleration target drives [m/s]
+    position: tuple[float, float]  # [1/s]
+    velocity: tuple[float, float]  # [1/s]
+    integral: tuple[float, float]  # [1/s^2]
+    velocity_scale: float  # steady velocity over the one asked for, without drag
+    lift_error: float  # of an acceleration downwards that nothing corrects [m/s^2]
+    tilt: float  # largest [rad]
+    push: float  # largest horizontal acceleration that a target may ask for [m/s^2]
+    yaw_rate: float  # largest [rad/s]
+
+
+class Target(NamedTuple):
+    """Where to go: `use` of each axis says which of the rows count."""
+
+    use: NDArray[np.int64]  # (3,)
+    values: Array  # (3, 3): positions [m], velocities [m/s], accelerations [m/s^2]; NED
+    yaw: float = math.nan  # [rad]; NaN for no matter
+    yaw_rate: float = 0.0  # [rad/s], where yaw is NaN
+
+
+@njit(cache=True)
+def root_control(error: float, p: float, limit: float) -> float:
+    """Rate that brings an error to zero: in proportion nearby, by a root where that is too fast."""
+    near = limit / (p * p)
+    if error > near:
+        return math.sqrt(2.0 * limit * (error - 0.5 * near))
+    if error < -near:
+        return -math.sqrt(2.0 * limit * (-error - 0.5 * near))
+    return error * p
+
+
+@njit(cache=True)
+def clip(value: float, low: float, high: float) -> float:
+    """Keep a value between two limits."""
+    return min(max(value, low), high)
+
+
+@njit(cache=True)
+def shape(reference: Array, axis: int, use: int, values: Array, gains: Gains, dt: float) -> None:
+    """Move one axis of the reference (3, 3) towards its target under the limits."""
+    kind = 1 if axis == 2 else 0
+    jerk, most = gains.jerk[kind], gains.acceleration[kind]
+    speed = reference[1, axis]
+    wanted = 0.0
+    if use & (PLACE | SPEED):
+        if use & PLACE:
+            up, down = gains.speed[kind], gains.speed[2 if axis == 2 else 0]
+            error = values[0, axis] - reference[0, axis]
+            ahead = root_control(error, gains.position[kind], 0.7 * most)
+            wanted = clip(ahead, -up, down) + (values[1, axis] if use & SPEED else 0.0)
+        else:
+            wanted = values[1, axis]
+        rate = root_control(wanted - speed, jerk / most, jerk)
+        push = clip(rate, -most, most) + (values[2, axis] if use & PUSH else 0.0)
+    else:
+        push = values[2, axis]
+        if axis < 2:
+            push = clip(push, -gains.push, gains.push)
+            ahead = speed + abs(reference[2, axis]) * reference[2, axis] / (2.0 * jerk)
+            if abs(ahead) >= gains.top_speed and push * ahead > 0.0:
+                push = 0.0
+    step = clip(push - reference[2, axis], -jerk * dt, jerk * dt)
+    reference[2, axis] += step
+    reference[1, axis] += reference[2, axis] * dt
+    reference[0, axis] += reference[1, axis] * dt
+
+
+@njit(cache=True)
+def follow(
+    axis: int, use: int, values: Array, reference: Array, integral: Array,
+    position: Array, velocity: Array, gains: Gains, dt: float,
+) -> float:  # fmt: skip
+    """Acceleration [m/s^2] for one axis, from where the vehicle believes it is."""
+    kind = 1 if axis == 2 else 0
+    if gains.shaped:
+        shape(reference, axis, use, values, gains, dt)
+        goal, ahead, push = reference[0, axis], reference[1, axis], reference[2, axis]
+        corrected = True
+    else:
+        reference[:, axis] = position[axis], velocity[axis], 0.0
+        goal, ahead = values[0, axis], values[1, axis] if use & SPEED else 0.0
+        push = values[2, axis] if use & PUSH else 0.0
+        corrected = use & PLACE != 0
+        if not use & (PLACE | SPEED):
+            return push + (gains.lift_error if axis == 2 else 0.0)
+        if not corrected:
+            goal = position[axis]
+            if axis < 2:
+                ahead = clip(ahead * gains.velocity_scale, -gains.top_speed, gains.top_speed)
+    wanted = gains.position[kind] * (goal - position[axis])
+    up, down = gains.speed[kind], gains.speed[2 if axis == 2 else 0]
+    error = clip(wanted, -up, down) + ahead - velocity[axis]
+    if corrected:
+        integral[axis] = clip(integral[axis] + gains.integral[kind] * error * dt, -3.0, 3.0)
+    else:
+        integral[axis] = 0.0
+    return push + gains.velocity[kind] * error + integral[axis]
+
+
+@njit(cache=True)
+def attitude(wanted: Array, yaw: float, gains: Gains, g: float) -> tuple[float, float, float]:
+    """Roll, pitch [rad] and thrust over mass [m/s^2] that give an acceleration."""
+    north, east, lift = -wanted[0], -wanted[1], max(g - wanted[2], 0.2 * g)
+    level = math.hypot(north, east)
+    most = lift * math.tan(gains.tilt)
+    if level > most:
+        north, east = north * most / level, east * most / level
+    ahead = math.cos(yaw) * north + math.sin(yaw) * east
+    right = -math.sin(yaw) * north + math.cos(yaw) * east
+    thrust = math.sqrt(ahead * ahead + right * right + lift * lift)
+    return math.asin(-right / thrust), math.atan2(ahead, lift), thrust
+
+
+@njit(cache=True)
+def fly(
+    state: Array, reference: Array, integral: Array, hover: Array,
+    use: NDArray[np.int64], values: Array, yaw: float, yaw_rate: float,
+    error: Array, wind: Array, motors: bool, level: bool, attached: bool,
+    gains: Gains, frame: Airframe, dt: float, steps: int,
+) -> float:  # fmt: skip
+    """Steer and move for some steps, in place.
+
+    Parameters
+    ----------
+    state : ndarray of shape (19,)
+    reference : ndarray of shape (3, 3)
+        Position, velocity, acceleration that a shaped vehicle steers along.
+    integral : ndarray of shape (3,)
+    hover : ndarray of shape (1,)
+        Thrust that hovering takes, over what the quadrotor alone would: learned in flight.
+    use, values, yaw, yaw_rate
+        A `Target`.
+    error : ndarray of shape (2, 3)
+        What the estimate of position and velocity is off by.
+    motors : bool
+        Whether they turn.
+    level : bool
+        Stay level, without a position to hold: only the vertical target counts.
+
+    Returns
+    -------
+    float
+        Fastest contact with the ground [m/s].
+    """
+    command, wanted, impact = np.zeros(4), np.zeros(3), 0.0
+    for _ in range(steps):
+        if motors:
+            position, velocity = state[:3] + error[0], state[3:6] + error[1]
+            for axis in range(3):
+                wanted[axis] = follow(
+                    axis, use[axis], values, reference, integral, position, velocity, gains, dt
+                )  # fmt: skip
+            if level:
+                wanted[:2] = 0.0
+            roll, pitch, thrust = attitude(wanted, state[YAW], gains, frame.g)
+            turn = yaw_rate
+            if not math.isnan(yaw):
+                turn = 2.0 * ((yaw - state[YAW] + math.pi) % (2.0 * math.pi) - math.pi)
+            turn = clip(turn, -gains.yaw_rate, gains.yaw_rate)
+            command[:] = roll, pitch, turn, min(thrust * hover[0], 2.5 * frame.g)
+        before = state[5]
+        impact = max(impact, move(state, command, wind, attached, frame, dt))
+        if motors and state[2] < -0.1:
+            # What the thrust did not turn into acceleration is the weight of the load.
+            _, _, down = thrust_direction(state[ROLL], state[PITCH], state[YAW])
+            lift = frame.g - (state[5] - before) / dt
+            if lift > 0.3 * frame.g:
+                ratio = clip(state[12] * down / lift, 0.9, 1.3)
+                hover[0] += (ratio - hover[0]) * dt / 1.0
+    return impact

@@ -1,0 +1,59 @@
+"""MAVSDK, which shares no code with us, flies the embedded autopilot."""
+
+import time
+
+import pytest
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.action import Action, ActionResult
+from mavsdk.plugins.offboard import Offboard, OffboardResult, VelocityNedYaw
+from mavsdk.plugins.telemetry import FlightMode, Telemetry
+
+from sim_nodes.autopilot.server import Sitl
+
+SPEED_UP = 2.0
+
+
+def wait(holds, deadline=30.0):
+    end = time.monotonic() + deadline
+    while not holds():
+        assert time.monotonic() < end, "it never came about"
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def mavsdk():
+    client = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+    yield client
+    client.destroy()
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_mavsdk_connects_arms_takes_off_flies_and_lands(mavsdk, like):
+    urls, parameters = ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": SPEED_UP}
+    with Sitl(like, urls, parameters, ready_after=2.0) as sitl:
+        mavsdk.add_any_connection(f"udpout://127.0.0.1:{sitl.addresses[0][1]}")
+        system = mavsdk.first_autopilot(10.0)
+        assert system is not None
+        telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
+        wait(telemetry.health_all_ok)
+        assert action.set_takeoff_altitude(3.0) == ActionResult.SUCCESS
+        assert action.arm() == ActionResult.SUCCESS
+        assert action.takeoff() == ActionResult.SUCCESS
+        wait(lambda: telemetry.position_velocity_ned().position.down_m < -2.8)
+
+        offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        assert offboard.start() == OffboardResult.SUCCESS
+        wait(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD)
+        offboard.set_velocity_ned(VelocityNedYaw(1.5, -1.0, 0.0, 0.0))
+        wait(lambda: telemetry.position_velocity_ned().position.north_m > 3.0)
+        flown = telemetry.position_velocity_ned()
+        assert flown.velocity.north_m_s > 1.0
+        assert flown.velocity.east_m_s < -0.7
+        assert flown.position.down_m == pytest.approx(-3.0, abs=0.3)
+
+        assert offboard.stop() == OffboardResult.SUCCESS
+        wait(lambda: telemetry.flight_mode() != FlightMode.OFFBOARD or like == "ardupilot")
+        assert action.land() == ActionResult.SUCCESS
+        wait(lambda: not telemetry.armed())
+        assert sitl.autopilot.body.landed
+        assert not sitl.autopilot.body.broken
