@@ -82,10 +82,16 @@ def test_balancing_is_a_function_of_setting_and_seed():
     assert first["steps"] == again["steps"] <= 100
     assert first["samples"] == other["samples"] == 300
     assert not np.array_equal(first["spread"], other["spread"])
-    same = replace(setting, one_set=True)
-    np.testing.assert_array_equal(balancing(same, 3)["spread"], balancing(same, 4)["spread"])
+    again = balancing(replace(setting, draw=1), 3)
+    np.testing.assert_array_equal(first["spread"], again["spread"])
     merged = balancing(replace(setting, samples=0, demonstrated=(60, -50)), 0)
     assert merged["samples"] == 110
+
+
+def test_without_an_end_a_constant_drops_out_of_the_equations_at_gamma_1():
+    setting = Balancing(samples=1000, steps=10, evaluations=1, gamma=1.0)
+    assert balancing(setting, 0)["singular"] == 0.0
+    assert balancing(replace(setting, ends=False), 0)["singular"] == 1.0
 
 
 def cell(steps):
@@ -97,10 +103,10 @@ def cell(steps):
 def test_table_8_1_has_both_readings_beside_the_printed_numbers():
     data = {f"{n} {kind}": cell([n, n + 2]) for n in chapter8.SAMPLES
             for kind in ("samples", "episodes")}  # fmt: skip
-    rows = chapter8._by_number(data)
-    assert len(rows) == 12
-    assert [row["T"] for row in rows[::2]] == [322.9, 918.0, 1215.7, 1808.2, 1233.1, 2339.5]
-    assert (rows[-1]["setting"], rows[-1]["mean"]) == ("1000 episodes", 1001.0)
+    rows = chapter8._by_number(data | {chapter8_claims.ENDLESS: cell([5.0, 6.0])})
+    assert len(rows) == 13
+    assert [row["T"] for row in rows[:12:2]] == [322.9, 918.0, 1215.7, 1808.2, 1233.1, 2339.5]
+    assert (rows[11]["setting"], rows[11]["mean"]) == ("1000 episodes", 1001.0)
 
 
 def test_table_8_3_ends_with_the_worst_and_the_best_random_set():
@@ -113,10 +119,15 @@ def test_table_8_3_ends_with_the_worst_and_the_best_random_set():
 def test_scatter_is_decided_by_the_bootstrap():
     rng = np.random.default_rng(0)
     for deviation, expected in ((150.0, Verdict.REPRODUCED), (20.0, Verdict.NOT)):
-        data = {"random": cell(300.0 + deviation * rng.standard_normal(60))}
-        (found,) = chapter8_claims._scatter("random", 100.0)(data)
+        steps = 300.0 + deviation * rng.standard_normal(60)
+        (found,) = chapter8_claims._between_sets({"random": cell(steps)})
         assert found.verdict is expected
         assert found.measured.mean == pytest.approx(deviation, rel=0.2)
+        noise = deviation * rng.standard_normal((2, 200))
+        sets = 500.0 * rng.standard_normal(200)
+        data = {"random": cell(sets + noise[0]), "random, other w₀": cell(sets + noise[1])}
+        (same,) = chapter8_claims._between_weights(data)
+        assert same.measured.mean == pytest.approx(deviation, rel=0.2)
 
 
 def test_values_are_compared_over_ranges_of_a_variable():

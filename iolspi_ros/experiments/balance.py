@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -144,8 +144,11 @@ class Balancing:
         As of `lspi.offline_lspi`.
     centers : int
         Gaussians in each direction.
-    one_set : bool
-        The samples of seed 0 for every seed, so that only w₀ differs.
+    draw : int
+        Which draw of w₀: two that differ in this alone share their samples.
+    ends : bool
+        Nothing follows a fall, as Lagoudakis and Parr have it; otherwise the state after it
+        counts as any other.
     """
 
     episodes: int = 0
@@ -158,7 +161,8 @@ class Balancing:
     chi: float = 1e-5
     max_iterations: int = 20
     centers: int = 3
-    one_set: bool = False
+    draw: int = 0
+    ends: bool = True
 
 
 def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
@@ -176,12 +180,13 @@ def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
     spread : ndarray of shape (2,)
         Standard deviations of angle and rate among the samples.
     """
-    taken = _samples(setting, np.random.default_rng([0 if setting.one_set else seed, 1]))
-    rng = np.random.default_rng([seed, 2])
+    taken = _samples(setting, np.random.default_rng([seed, 1]))
+    rng = np.random.default_rng([seed, 2, setting.draw])
     features = basis((setting.centers, setting.centers))
     weights = rng.standard_normal((len(CartPole.actions), features.size))
+    ends = taken.terminated & setting.ends
     found = learn(
-        taken, features, weights, gamma=setting.gamma, chi=setting.chi,
+        replace(taken, terminated=ends), features, weights, gamma=setting.gamma, chi=setting.chi,
         max_iterations=setting.max_iterations,
     )  # fmt: skip
     flown = balancing_steps(

@@ -12,7 +12,7 @@ from iolspi_ros.experiments.balance import Balancing, balancing
 from iolspi_ros.experiments.engine import Cell, Data
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import drawing
-from iolspi_ros.experiments.thesis.chapter8_claims import CLAIMS
+from iolspi_ros.experiments.thesis.chapter8_claims import CLAIMS, ENDLESS, NO_ENDS
 from iolspi_ros.experiments.thesis.study import Rows, Study
 
 SAMPLES = {10: 322.9, 50: 918.0, 100: 1215.7, 200: 1808.2, 500: 1233.1, 1000: 2339.5}
@@ -28,8 +28,8 @@ KINDS = {
     "demonstration, 976": (126.7, Balancing(demonstrated=(976,), steps=FEWER)),
     "the two merged": (108.7, Balancing(demonstrated=(1000, 976), steps=FEWER)),
     "late demonstration, 464": (11.4, Balancing(demonstrated=(-464,), steps=FEWER)),
-    "random, one set": (np.nan, Balancing(samples=1000, steps=FEWER, one_set=True)),
     "random": (351.0, Balancing(samples=1000, steps=FEWER)),
+    "random, other w₀": (351.0, Balancing(samples=1000, steps=FEWER, draw=1)),
     "demonstration, 976, 4 by 4": (363.95, Balancing(demonstrated=(976,), steps=FEWER, centers=4)),
 }
 """T Table 8-3 and 8-4, with T's balancing steps."""
@@ -40,6 +40,7 @@ def studies() -> list[Study]:
     """Every study of this chapter."""
     by_samples = {f"{n} samples": Balancing(samples=n) for n in SAMPLES}
     by_episodes = {f"{n} episodes": Balancing(episodes=n) for n in SAMPLES}
+    left_in = {ENDLESS: Balancing(episodes=1000, ends=False)}
     theirs = {
         f"{n} episodes": Balancing(episodes=n, deviation=LAGOUDAKIS_AND_PARR)
         for n in (10, 50, 100, 200, 500, 1000)
@@ -55,7 +56,7 @@ def studies() -> list[Study]:
         ),
         Study(
             "table8-1", "Number of samples and balancing steps of 3,000", "8-2, Table 8-1",
-            _cells(by_samples | by_episodes), _by_number, claims=CLAIMS["table8-1"],
+            _cells(by_samples | by_episodes | left_in), _by_number, claims=CLAIMS["table8-1"],
         ),
         Study(
             "table8-2", "Deviation of the starts and balancing steps of 600", "8-2, Table 8-2",
@@ -64,7 +65,8 @@ def studies() -> list[Study]:
         ),
         Study(
             "section8-2", "Discount factor, termination, iterations and functions", "8-2",
-            _cells(_settings()), lambda data: _beside(data, {"4 by 4": 481.3, "γ = 0.95": 350.95}),
+            _cells(_settings(), 100),
+            lambda data: _beside(data, {"4 by 4": 481.3, "γ = 0.95": 350.95}),
             claims=CLAIMS["section8-2"],
         ),
         Study(
@@ -82,6 +84,7 @@ def _settings() -> dict[str, Balancing]:
         "χ = 0.05": replace(usual, chi=0.05),
         **{f"l_max = {n}": replace(usual, max_iterations=n) for n in (5, 50)},
         "4 by 4": replace(usual, centers=4),
+        **{f"{NO_ENDS}, γ = {g:g}": replace(usual, gamma=g, ends=False) for g in (0.95, 1.0)},
     }
 
 
@@ -115,7 +118,7 @@ def _by_number(data: Data) -> Rows:
         {"number": n, "T": printed, **_row(label, data[label])}
         for n, printed in SAMPLES.items()
         for label in (f"{n} samples", f"{n} episodes")
-    ]
+    ] + [{"number": 1000, "T": SAMPLES[1000], **_row(ENDLESS, data[ENDLESS])}]
 
 
 def _by_kind(data: Data) -> Rows:
