@@ -177,7 +177,7 @@ def test_disarming_in_flight_is_refused_by_the_autopilot_and_nothing_changes(tmp
         Station(f.other).command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
         f.episodes(1)
         assert f.telemetry.armed
-        assert f.flight.abandoned == 0
+        assert not f.heard("disarmed")
 
 
 @pytest.mark.parametrize("like", LIKES)
@@ -238,7 +238,7 @@ def test_wrong_system_id(tmp_path):
             f.telemetry.take(message, f.clock.now())
         assert f.telemetry.strangers == {7: 1}
         f.episodes(1)
-        assert f.flight.abandoned == 0
+        assert not f.heard("disarmed")
 
 
 KEY, WRONG = bytes(range(32)), bytes(32)
@@ -254,7 +254,8 @@ def test_unsigned_and_wrongly_signed_packets(tmp_path):
             Station(f.other, key).mode(f.profile, hold_mode(f.profile))
         f.episodes(1)
         assert f.telemetry.mode == f.profile.controlled
-        assert f.flight.abandoned == 0
+        assert not f.heard("disarmed")
+        assert not f.heard("changed the mode")
         assert f.link.codec.rejected >= 2
 
 

@@ -93,6 +93,9 @@ class Flight:
         self._target = 0.0
         self._begun = 0
         self._rng = np.random.default_rng([settings.seed, 3])
+        self._told = (Phase.IDLE, Commander.NOBODY)
+        self.on_news: Callable[[Phase, Commander], None] = lambda phase, commander: None
+        """Told of each change of who commands, and in which phase."""
 
     @property
     def step(self) -> int:
@@ -167,7 +170,9 @@ class Flight:
         before, self.verdict = self.verdict, self._decide(now)
         if self.verdict != before:
             self._announce(before)
+        self._tell()
         self._go_on(now)
+        self._tell()
         wish = self._steering.wish(
             self.verdict.commander, self.phase, self.motion, wanted=self._wanted(),
             target=self._target, stick=self.stick or 0.0, dt=max(dt, 1e-3),
@@ -201,10 +206,17 @@ class Flight:
             alone=self._alone,
             violation=violation(self.limits, self.motion) if episode else "",
             pilot=self.stick is not None,
-            deadman=self.deadman,
+            deadman=self.deadman or self.phase is Phase.CLIMB,
             jumped=now - t.jump_time < _JUMPED,
             paused=self.paused,
         )
+
+    def _tell(self) -> None:
+        """Tell who commands in which phase, when that has changed."""
+        news = (self.phase, self.verdict.commander)
+        if news != self._told:
+            self._told = news
+            self.on_news(*news)
 
     def _announce(self, before: Verdict) -> None:
         verdict = self.verdict
@@ -306,7 +318,7 @@ class Flight:
             and abs(m.height - self.settings.height) < 0.6
             and abs(m.swing) < swing and abs(m.swing_rate) < 3.0 * swing
         )  # fmt: skip
-        if not there or not self.deadman:
+        if not there:
             self._settled = now
             self._complain(now, f"settling at x = {self._target:.1f} m, {_words(m)}")
         elif now - self._settled >= self.settings.settle_time and now >= self._probe:
