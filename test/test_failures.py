@@ -11,7 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from iolspi_ros.bench.flying import Dying, Flying, lost, pilot, pushes
 from msg_bridge.mavlink.authority import Commander, Timeouts
 from msg_bridge.mavlink.codec import Codec
+from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.phases import Phase
+from msg_bridge.mavlink.runner import Runner
 from sim_nodes.tasks.slung_load import DUNK
 
 LIKES = ["px4", "ardupilot"]
@@ -130,13 +132,21 @@ def test_link_cut(tmp_path, like, seconds):
 
 @pytest.mark.parametrize("like", LIKES)
 def test_bridge_killed(tmp_path, like):
-    """Nobody sends anything any more: no landing, no good-bye."""
+    """Nobody sends anything any more: no landing, no good-bye. The next one flies on."""
     with Flying(tmp_path, like, initial="narrow") as f:
         f.act = Dying(f.task, 10**6)
         f.in_episode(step=4)
         f.runner.stop()
         f.wait(4.0)
         assert f.speed < 0.6  # the load still swings the vehicle about
+        assert f.inside()
+        f.act.alive = True
+        f.flight = Flight(
+            f.task, f.link, f.profile, f.settings, f.limits, f.flight.timeouts, f._show, f._say
+        )
+        f.runner = Runner(f.flight, f.clock, f._say)
+        f.flight.begin(f.clock.now())
+        f.episodes(1)
         assert f.inside()
 
 

@@ -276,7 +276,8 @@ class Flight:
 
     def _ground(self, now: float) -> None:
         t = self.link.telemetry
-        self.sight.stand()
+        if not t.armed:
+            self.sight.stand()
         if t.armed and t.mode == self.profile.controlled:
             self._enter(Phase.CLIMB, now)
             return
