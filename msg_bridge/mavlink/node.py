@@ -34,6 +34,7 @@ from msg_bridge.mavlink.runner import Clock, Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
+from msg_bridge.mavlink.voice import report
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 AUTHORITY = (*wire.KEY, "phase", "commander")
@@ -214,14 +215,14 @@ class Bridge(LifecycleNode):
         flight = self._flight
         if flight is None:
             return
-        report = flight.report()
+        found = report(flight)
         worried = flight.verdict.commander in (Commander.HOLD, Commander.LAND, Commander.OTHER)
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
             name="bridge",
-            message=f"{report['commander']}: {report['reason'] or report['phase']}",
+            message=f"{found['commander']}: {found['reason'] or found['phase']}",
             hardware_id=flight.profile.name,
-            values=[KeyValue(key=key, value=str(value)) for key, value in report.items()],
+            values=[KeyValue(key=key, value=str(value)) for key, value in found.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
