@@ -34,7 +34,7 @@ FLYING = Situation(episode=True)
         ({"active": False}, Commander.NOBODY),
         ({"episode": False}, Commander.BRIDGE),
         ({"episode": False, "action_age": math.inf}, Commander.BRIDGE),
-        ({"episode": False, "deadman": False}, Commander.BRIDGE),
+        ({"episode": False, "deadman": False}, Commander.HOLD),
     ],
 )
 def test_each_cause_alone(changed, commander):

@@ -97,5 +97,6 @@ def test_delays_are_to_the_first_setpoint_that_changed():
     asked = np.array([1000, 2000, 3000, 4000])
     passed = np.array([900, 1100, 1300, 1900, 2400, 2900, 3100, 4200])
     values = np.array([-3.0, -3.0, 1.0, 3.0, 3.0, -1.0, -3.0, -2.0])
-    found = latency.delays(asked, passed, values)
+    found = latency.delays(asked, passed, values, 1e-6)
     np.testing.assert_allclose(found, [300e-9, 900e-9, 100e-9, 200e-9])
+    np.testing.assert_allclose(latency.delays(asked, passed, values, 250e-9), [100e-9, 200e-9])

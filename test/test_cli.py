@@ -18,7 +18,7 @@ from iolspi_ros.cli import progress
 from iolspi_ros.graph import free_domain
 from iolspi_ros.resources import find
 
-COMMANDS = ("bench", "demo", "learn", "record", "run")
+COMMANDS = ("bench", "demo", "fly", "learn", "record", "run")
 
 
 def iolspi(*arguments, cwd=None, deadline=120.0):
@@ -58,6 +58,10 @@ def test_help_and_version():
         (("demo", "--episodes", "0"), "--episodes is 0; allowed"),
         (("learn", "--episodes", "9", "--seconds", "9"), "both given; allowed: one of them"),
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
+        (("fly", "--autopilot", "betaflight"), "allowed: embedded, px4, ardupilot, paparazzi"),
+        (("fly", "--autopilot", "paparazzi"), "cannot be flown over MAVLink"),
+        (("fly", "--checkpoint", "/nowhere"), "--checkpoint /nowhere is not there"),
+        (("fly", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("record", "--set", "7", "--out", "x"), "--set is 7; allowed: 1 to 5"),
         (("record", "--mode", "sleep", "--out", "x"), "mode is 'sleep'; allowed: perform, explore"),
         (("run", "simulator", "--task", "kite"), "task is 'kite'; allowed: pendulum, slung_load"),

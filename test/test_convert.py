@@ -108,6 +108,7 @@ def test_velocities_and_places_go_out_in_ned():
     np.testing.assert_allclose([message.x, message.y, message.z], [21, 12, -5], atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:invalid value")
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("wish", [Push, Run, Stay])
 def test_what_is_not_finite_is_never_a_packet(wish, value):

@@ -24,6 +24,7 @@ from msg_bridge.mavlink.runner import Clock, Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
+from msg_bridge.mavlink.voice import report
 from sim_nodes.autopilot.dynamics import LOAD, POSITION, VELOCITY
 from sim_nodes.autopilot.server import Sitl
 from sim_nodes.pilots import SlungLoadPerform
@@ -178,7 +179,7 @@ class Flying:
         end = time.monotonic() + deadline
         while not ready():
             if time.monotonic() > end:
-                raise TimeoutError(f"{self.flight.report()}\n{self.words()}")
+                raise TimeoutError(f"{report(self.flight)}\n{self.words()}")
             time.sleep(0.002)
 
     def words(self) -> str:

@@ -17,14 +17,17 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from iolspi_ros import graph, qos, wire
-from iolspi_ros.bench.flying import FACTOR, parameters
+from iolspi_ros.bench.flying import parameters
 from iolspi_ros.bench.rows import Row, at_most
 from iolspi_ros.core.online import Source
 from msg_bridge.mavlink.codec import Codec
+from sim_nodes.tasks.slung_load import SlungLoad
 
 SAMPLES = 2000
+FACTOR = 2.0
+"""Vehicle seconds per second."""
 _STAMP = 35  # SO_TIMESTAMPNS of Linux: when the kernel took a datagram
-_LONGEST = 300.0  # [s]
+_LONGEST = 600.0  # [s]
 
 
 class Tap:
@@ -76,7 +79,7 @@ class Tap:
 
 
 def delays(
-    asked: NDArray[np.int64], passed: NDArray[np.int64], values: NDArray[np.float64]
+    asked: NDArray[np.int64], passed: NDArray[np.int64], values: NDArray[np.float64], within: float
 ) -> NDArray[np.float64]:
     """From each action to the first setpoint that differs from those before it [s].
 
@@ -88,10 +91,17 @@ def delays(
         When setpoints passed [ns].
     values : ndarray of shape (m,)
         What they asked for.
+    within : float
+        What comes later than this belongs to no action [s].
+
+    Returns
+    -------
+    ndarray of shape (k,)
+        Of those actions that changed something in time.
     """
     found = []
-    for start, end in zip(asked, [*asked[1:], np.iinfo(np.int64).max], strict=True):
-        first, last = np.searchsorted(passed, [start, end])
+    for start in asked:
+        first, last = np.searchsorted(passed, [start, start + round(within * 1e9)])
         changed = np.flatnonzero(np.abs(values[first:last] - values[first - 1]) > 1e-3)
         if first and len(changed):
             found.append((passed[first + changed[0]] - start) * 1e-9)
@@ -115,11 +125,12 @@ def rows(folder: Path, samples: int = SAMPLES) -> list[Row]:
             solver.terminate()
             solver.join()
     passed, values = (np.array(part) for part in zip(*tap.passed, strict=True))
-    measured = 1e3 * delays(np.array(asked), passed, values)
+    step = SlungLoad.dt / FACTOR
+    measured = 1e3 * delays(np.array(asked), passed, values, step)
     return [
         at_most("action to wire, median", float(np.median(measured)), "ms", 1.0),
         Row("action to wire, 99.9 %", float(np.quantile(measured, 0.999)), "ms"),
-        Row("action to wire, measured", float(len(measured)), "actions"),
+        Row("action to wire, not within its step", 1.0 - len(measured) / len(asked), "share"),
     ]
 
 

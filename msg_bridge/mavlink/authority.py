@@ -150,6 +150,8 @@ def decide(s: Situation, timeouts: Timeouts) -> Verdict:
         )
     if s.paused:
         return Verdict(Commander.HOLD, "paused")
+    if not s.deadman:
+        return Verdict(Commander.HOLD, "the deadman's button was let go")
     if s.load_age > timeouts.load_timeout:
         return Verdict(Commander.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
     if s.alone > timeouts.land_after:
@@ -161,8 +163,6 @@ def decide(s: Situation, timeouts: Timeouts) -> Verdict:
 
 def _actor(s: Situation, timeouts: Timeouts) -> Verdict:
     """The ladder during an episode."""
-    if not s.deadman:
-        return Verdict(Commander.HOLD, "the deadman's button was let go")
     if s.action_age <= timeouts.action_timeout:
         return Verdict(Commander.ACTOR)
     if s.action_age <= timeouts.action_timeout + timeouts.neutral_time:

@@ -134,8 +134,7 @@ def setpoint(
         When a number that matters is not finite: such a setpoint can stop an autopilot, so it is
         never made.
     """
-    values = [swap_world(v) for v in (position, velocity, acceleration)]
-    fields = np.concatenate(values)
+    fields = swap_world(np.array([position, velocity, acceleration])).ravel()
     ignored = np.array([bool(mask & (1 << bit)) for bit in range(9)])
     fields = np.where(ignored, 0.0, fields)
     if not np.isfinite(fields).all():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +26,15 @@ from msg_bridge.mavlink.setpoints import Push, Stay, Wish
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.sight import Sight
 from msg_bridge.mavlink.steering import Steering
+from msg_bridge.mavlink.voice import Say, Voice
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 Array = NDArray[np.float64]
-Say = Callable[[str, str], None]
-"""Tells a person: "info" or "warning", and the words."""
-
 _AGAIN = 1.0  # between two requests of the same [s]
 _SLOW = 0.3  # a vehicle below this has stopped [m/s]
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
 _STILL = 0.2  # so long after the end it does not begin to look for the next start [s]
 _PROBE = 1.0  # between two episodes that nobody has answered [s]
-_COMPLAIN = 20.0  # between two words about what does not come about [s]
 
 
 class Flight:
@@ -71,7 +67,7 @@ class Flight:
     ) -> None:
         self.task, self.link, self.profile, self.settings = task, link, profile, settings
         self.limits, self.timeouts = limits, timeouts
-        self._show, self._say = show, say
+        self._show, self._voice = show, Voice(link.telemetry, say)
         self._track = Track((settings.origin[0], settings.origin[1]), settings.heading)
         self.sight = Sight(
             link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
@@ -87,17 +83,24 @@ class Flight:
         self.stick: float | None = None
         """Of a person who has taken over, from -1 to 1."""
         self.number = -1
-        self._since = self._last = self._asked = self._complained = 0.0
-        self._settled = self._probe = self._text = 0.0
+        self._since = self._last = self._asked = self._settled = self._probe = 0.0
         self._alone = 0.0
         self._target = 0.0
         self._begun = 0
         self._rng = np.random.default_rng([settings.seed, 3])
+        self._told = (Phase.IDLE, Commander.NOBODY)
+        self.on_news: Callable[[Phase, Commander], None] = lambda phase, commander: None
+        """Told of each change of who commands, and in which phase."""
 
     @property
     def step(self) -> int:
         """Of the newest state; -1 between episodes."""
         return -1 if self.episode is None else self.episode.step
+
+    @property
+    def interventions(self) -> dict[str, int]:
+        """How often each limit of the envelope has changed a setpoint."""
+        return dict(self._steering.interventions)
 
     # ------------------------------------------------------------ told from outside
 
@@ -112,7 +115,8 @@ class Flight:
     def begin(self, now: float) -> None:
         """Take off, as soon as the vehicle lets us."""
         with self._lock:
-            self._last = self._text = now
+            self._last = now
+            self._voice.pass_on(now)
             self._alone = 0.0
             self._enter(Phase.GROUND, now)
 
@@ -122,7 +126,7 @@ class Flight:
             if self.phase not in (Phase.IDLE, Phase.DOWN, Phase.LANDING):
                 self._give_up(now)
                 self.verdict = Verdict(Commander.LAND, why)
-                self._say("info", f"land: {why}")
+                self._voice.say("info", f"land: {why}")
                 self._enter(Phase.LANDING, now)
 
     def take(self, number: int, step: int, action: int, now: float) -> bool:
@@ -151,7 +155,7 @@ class Flight:
         """Take what has come, decide, move on, and send a setpoint."""
         with self._lock:
             self.link.poll(now)
-            self._pass_on_texts(now)
+            self._voice.pass_on(now)
             self._fly(now)
 
     def _fly(self, now: float) -> None:
@@ -166,8 +170,13 @@ class Flight:
         self.motion = self.sight.motion(now)
         before, self.verdict = self.verdict, self._decide(now)
         if self.verdict != before:
-            self._announce(before)
+            self.violations += self.verdict.reason.startswith("envelope")
+            # Of who has not begun to answer there is no news: it is asked every second.
+            if self.episode is None or self.episode.answered >= 0:
+                self._voice.verdict(before, self.verdict)
+        self._tell()
         self._go_on(now)
+        self._tell()
         wish = self._steering.wish(
             self.verdict.commander, self.phase, self.motion, wanted=self._wanted(),
             target=self._target, stick=self.stick or 0.0, dt=max(dt, 1e-3),
@@ -201,38 +210,24 @@ class Flight:
             alone=self._alone,
             violation=violation(self.limits, self.motion) if episode else "",
             pilot=self.stick is not None,
-            deadman=self.deadman,
+            deadman=self.deadman or self.phase is Phase.CLIMB,
             jumped=now - t.jump_time < _JUMPED,
             paused=self.paused,
         )
 
-    def _announce(self, before: Verdict) -> None:
-        verdict = self.verdict
-        if verdict.reason.startswith("envelope"):
-            self.violations += 1
-        calm = (Commander.BRIDGE, Commander.ACTOR, Commander.NOBODY)
-        if verdict.commander in calm:
-            if before.commander not in (*calm, Commander.NEUTRAL):
-                self._say("info", f"{verdict.commander.name.lower()} commands again")
-        elif verdict.commander is not Commander.NEUTRAL and not self._unanswered():
-            self._say("warning", f"{verdict.commander.name.lower()}: {verdict.reason}")
-
-    def _unanswered(self) -> bool:
-        """Whether nobody has begun to answer this episode: no news, it is asked every second."""
-        silent = self.episode is not None and self.episode.answered < 0
-        return silent and self.verdict.commander is Commander.HOLD
-
-    def _pass_on_texts(self, now: float) -> None:
-        for when, severity, text in list(self.link.telemetry.texts):
-            if when > self._text:
-                self._say("warning" if severity <= 4 else "info", f"autopilot: {text}")
-        self._text = now
+    def _tell(self) -> None:
+        """Tell who commands in which phase, when that has changed."""
+        news = (self.phase, self.verdict.commander)
+        if news != self._told:
+            self._told = news
+            self.on_news(*news)
 
     # ------------------------------------------------------------ phases
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._since = phase, now
-        self._settled = self._complained = now
+        self._settled = now
+        self._voice.begin(now)
         self._asked = -_AGAIN
         self._steering.begin()
 
@@ -247,7 +242,7 @@ class Flight:
         elif commander is Commander.OTHER and not self.link.telemetry.armed:
             self._give_up(now)
             self._enter(Phase.DOWN, now)
-            self._say("warning", "on the ground; activate the bridge again to fly on")
+            self._voice.say("warning", "on the ground; activate the bridge again to fly on")
         elif commander in (Commander.HOLD, Commander.OTHER, Commander.PILOT):
             self._give_up(now)
         elif (handle := _HANDLERS.get(self.phase)) is not None:
@@ -264,7 +259,8 @@ class Flight:
 
     def _ground(self, now: float) -> None:
         t = self.link.telemetry
-        self.sight.stand()
+        if not t.armed:
+            self.sight.stand()
         if t.armed and t.mode == self.profile.controlled:
             self._enter(Phase.CLIMB, now)
             return
@@ -275,7 +271,7 @@ class Flight:
             elif not t.armed:
                 self.link.arm(True)
         what = "the mode" if t.mode != self.profile.controlled else "arming"
-        self._complain(now, f"the autopilot has not accepted {what}")
+        self._voice.complain(now, f"the autopilot has not accepted {what}")
 
     def _climb(self, now: float) -> None:
         if not self.profile.stream_first and now - self._asked >= 3.0 and self.motion.height < 0.5:
@@ -284,7 +280,7 @@ class Flight:
         if abs(self.motion.height - self.settings.height) < 0.4 and abs(self.motion.climb) < 0.5:
             self._next_start(now)
             return
-        self._complain(now, f"still climbing, at {self.motion.height:.1f} m")
+        self._voice.complain(now, f"still climbing, at {self.motion.height:.1f} m")
 
     def _next_start(self, now: float) -> None:
         if self.settings.episodes and self._begun >= self.settings.episodes:
@@ -306,9 +302,9 @@ class Flight:
             and abs(m.height - self.settings.height) < 0.6
             and abs(m.swing) < swing and abs(m.swing_rate) < 3.0 * swing
         )  # fmt: skip
-        if not there or not self.deadman:
+        if not there:
             self._settled = now
-            self._complain(now, f"settling at x = {self._target:.1f} m, {_words(m)}")
+            self._voice.complain(now, f"settling at x = {self._target:.1f} m, {_words(m)}")
         elif now - self._settled >= self.settings.settle_time and now >= self._probe:
             self._start(now)
 
@@ -342,7 +338,7 @@ class Flight:
             self._show(self._stamped(observation, now))
             self._ended(now)
         elif failure := self._drop.failure(now):
-            self._say("warning", failure)
+            self._voice.say("warning", failure)
             self._give_up(now)
 
     def _braking(self, now: float) -> None:
@@ -357,23 +353,16 @@ class Flight:
         if self._drop.reloaded(now):
             self._next_start(now)
         elif lacking := self._drop.lacking(now):
-            self._complain(now, f"waiting for a load: {lacking}")
+            self._voice.complain(now, f"waiting for a load: {lacking}")
 
     def _landing(self, now: float) -> None:
         t = self.link.telemetry
         if not t.armed:
             self._enter(Phase.DOWN, now)
-            self._say("info", "landed")
+            self._voice.say("info", "landed")
         elif t.mode != self.profile.landing and now - self._asked >= _AGAIN:
             self._asked = now
             self.link.ask_mode(self.profile, self.profile.landing)
-
-    def _complain(self, now: float, what: str) -> None:
-        """Say now and then what does not come about, and what the autopilot says to it."""
-        if now - self._complained > _COMPLAIN:
-            self._complained = now
-            said = self.link.telemetry.texts_since(now - _COMPLAIN)
-            self._say("warning", what + (f"; autopilot: {said[-1]}" if said else ""))
 
     # ------------------------------------------------------------ setpoints
 
@@ -388,7 +377,7 @@ class Flight:
         try:
             message = setpoints.packet(wish, self.profile, self._track, self.link.target, now)
         except ValueError as error:
-            self._say("warning", f"not sent: {error}")
+            self._voice.say("warning", f"not sent: {error}")
             return
         self.link.send(message)
 
@@ -400,26 +389,6 @@ class Flight:
 
     def _stamped(self, observation: Observation, now: float) -> Observation:
         return observation._replace(stamp=round(now * 1e9))
-
-    def report(self) -> dict[str, Any]:
-        """How it stands, for /diagnostics."""
-        with self._lock:
-            t = self.link.telemetry
-            return {
-                "phase": self.phase.name.lower(),
-                "commander": self.verdict.commander.name.lower(),
-                "reason": self.verdict.reason,
-                "autopilot": f"{self.profile.name}, {self.profile.mode_name(t.mode)}, "
-                + ("armed" if t.armed else "disarmed"),
-                "load": "reported by its own system" if self.sight.feed else "estimated",
-                "round trip [s]": round(t.round_trip, 4),
-                "episodes flown": self.flown,
-                "episodes abandoned": self.abandoned,
-                "envelope left": self.violations,
-                "envelope interventions": dict(self._steering.interventions),
-                "packets rejected": self.link.codec.rejected,
-                "other systems heard": dict(t.strangers),
-            }
 
 
 _HANDLERS: dict[Phase, Callable[[Flight, float], None]] = {

@@ -34,6 +34,7 @@ from msg_bridge.mavlink.runner import Clock, Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
+from msg_bridge.mavlink.voice import report
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 AUTHORITY = (*wire.KEY, "phase", "commander")
@@ -73,10 +74,9 @@ class Bridge(LifecycleNode):
         self._refused: InputError | None = None
         self._joy = Joy()
         self._joy_time = -np.inf
-        self._told = (-1, -1)
         self._vehicle = VehicleTopics(self)
         self._authority_rows = wire.Rows("authority", AUTHORITY)
-        self._authority_out = self.create_publisher(Float64MultiArray, "authority", qos.LATCHED)
+        self._authority_out = self.create_publisher(Float64MultiArray, "authority", qos.REPORTS)
         self._diagnostics_out = self.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
         self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL)
         self.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)
@@ -163,6 +163,7 @@ class Bridge(LifecycleNode):
             self.task, self._link, profile, flight, parameters.read(self, Limits),
             self._timeouts, self._show, self._say,
         )  # fmt: skip
+        self._flight.on_news = self._news
         self._runner = Runner(self._flight, self._time, self._say)
         self._tell(Item("passed", "activate the bridge to fly"))
 
@@ -194,31 +195,34 @@ class Bridge(LifecycleNode):
         self.get_logger().info(f"preflight: {item.name}: {item.found}")
 
     def _look_after(self) -> None:
-        """What no message brings about: an old stick, and news of who commands."""
+        """What no message brings about: a stick that has fallen silent."""
         flight = self._flight
         if flight is None:
             return
         fresh = time.monotonic() - self._joy_time < self._timeouts.joy_timeout
         hands = grip(self._hands, self._joy.buttons, self._joy.axes, fresh=fresh)
         flight.deadman, flight.stick = hands
-        news = (int(flight.phase), int(flight.verdict.commander))
-        if news != self._told:
-            self._told = news
+
+    def _news(self, phase: Phase, commander: Commander) -> None:
+        flight = self._flight
+        if flight is not None:
             key = (flight.number, flight.step, *wire.split(round(self._time.now() * 1e9)))
-            runtime.publish(self._authority_out, self._authority_rows.message(*key, *news))
+            runtime.publish(
+                self._authority_out, self._authority_rows.message(*key, phase, commander)
+            )
 
     def _diagnose(self) -> None:
         flight = self._flight
         if flight is None:
             return
-        report = flight.report()
+        found = report(flight)
         worried = flight.verdict.commander in (Commander.HOLD, Commander.LAND, Commander.OTHER)
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
             name="bridge",
-            message=f"{report['commander']}: {report['reason'] or report['phase']}",
+            message=f"{found['commander']}: {found['reason'] or found['phase']}",
             hardware_id=flight.profile.name,
-            values=[KeyValue(key=key, value=str(value)) for key, value in report.items()],
+            values=[KeyValue(key=key, value=str(value)) for key, value in found.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

@@ -6,7 +6,8 @@ import threading
 import time
 import traceback
 
-from msg_bridge.mavlink.flight import Flight, Say
+from msg_bridge.mavlink.flight import Flight
+from msg_bridge.mavlink.voice import Say
 
 
 class Clock:
