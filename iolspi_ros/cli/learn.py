@@ -52,14 +52,10 @@ def learn(
     start = time.monotonic()
     file = config or resources.find("config", f"{task}.yaml")
     world, learner = prepare(task, file, seed)
-    vehicle, settings = world.task, learner.settings
+    vehicle = world.task
     count = episodes_to_fly(vehicle, seconds, episodes, 0)
-    least = math.ceil(settings.update_interval / vehicle.episode_steps)
-    if not demos and count < least:
-        raise InputError(
-            f"{count} episodes are less than one update and there are no --demos: nothing would "
-            f"be learned; allowed: at least {least}"
-        )
+    if not demos:
+        _check_enough(count, learner, vehicle)
     resources.make_folder(out)
     history = History(vehicle.dt, _taught(vehicle, demos or []))
     if demos:
@@ -86,6 +82,15 @@ def learn(
         f"{summary['success_fraction']:.0%} of the starts {vehicle.success}. "
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )
+
+
+def _check_enough(count: int, learner: OnlineLSPI, vehicle: Task) -> None:
+    least = math.ceil(learner.settings.update_interval / vehicle.episode_steps)
+    if count < least:
+        raise InputError(
+            f"{count} episodes are less than one update and there are no --demos: nothing would "
+            f"be learned; allowed: at least {least}"
+        )
 
 
 def _taught(vehicle: Task, demos: list[Path]) -> Transitions:
