@@ -33,6 +33,7 @@ setup(
     ],
     python_requires=">=3.11,<3.14",
     install_requires=["setuptools"],
+    extras_require={"cluster": ["distributed"], "bench": ["mushroom-rl==1.10.2"]},
     zip_safe=True,
     description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",
     license="Apache-2.0",
@@ -42,6 +43,7 @@ setup(
             "simulator = iolspi_ros.nodes.start:simulator",
             "demonstrator = iolspi_ros.nodes.start:demonstrator",
             "learner = iolspi_ros.nodes.start:learner",
+            "bridge = iolspi_ros.nodes.start:bridge",
         ],
     },
 )

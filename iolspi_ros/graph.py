@@ -94,10 +94,14 @@ class Graph:
         for name, value in parameters.items():
             text = yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
             arguments += ["-p", f"{name}:={text}"]
-        with (self._folder / f"{node}.log").open("wb") as log:
+        self.run(node, "iolspi_ros.nodes.start", node, *arguments)
+
+    def run(self, name: str, module: str, *arguments: str) -> None:
+        """Start a Python module that ends with its parent, as our nodes do; `name` is its log's."""
+        with (self._folder / f"{name}.log").open("wb") as log:
             # A session of its own: a Ctrl-C reaches us alone, and we end the nodes in order.
-            self._processes[node] = subprocess.Popen(
-                [sys.executable, "-P", "-m", "iolspi_ros.nodes.start", node, *arguments],
+            self._processes[name] = subprocess.Popen(
+                [sys.executable, "-P", "-m", module, *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 env=os.environ | {PARENT: str(os.getpid())},
             )  # fmt: skip

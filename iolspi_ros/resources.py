@@ -29,6 +29,14 @@ def find(*parts: str) -> Path:
     raise InputError(f"{'/'.join(parts)} is not there; allowed: a file of this package")
 
 
+def cache_folder() -> Path:
+    """$XDG_CACHE_HOME/iolspi_ros, or that in ~/.cache (XDG Base Directory Specification)."""
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    # A relative path there is invalid, says the specification.
+    base = Path(given) if os.path.isabs(given) else Path(os.path.expanduser("~"), ".cache")
+    return base / "iolspi_ros"
+
+
 def make_folder(path: Path) -> None:
     """Make a folder for results, unless it is there.
 

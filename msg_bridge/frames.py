@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_ORDER = (1, 0, 2)
+_SIGNS = np.array([1.0, 1.0, -1.0])
+
 
 def swap_world(vector: Array) -> Array:
     """East-north-up to north-east-down, or back.
@@ -23,8 +26,8 @@ def swap_world(vector: Array) -> Array:
     -------
     ndarray of shape (..., 3)
     """
-    vector = np.asarray(vector, float)
-    return np.stack([vector[..., 1], vector[..., 0], -vector[..., 2]], axis=-1)
+    swapped: Array = np.asarray(vector, float)[..., _ORDER] * _SIGNS
+    return swapped
 
 
 def swap_body(vector: Array) -> Array:

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.cart_pole import CartPole
 from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 Array = NDArray[np.float64]
 
@@ -78,15 +80,14 @@ class PendulumPerform:
         return along if short > 0 else 2 - along
 
 
-class PendulumExplore:
-    """Change intention every now and then: pump, brake, spin, balance, let go."""
+class Explorer:
+    """Changes its intention every now and then; a task's own says what each of them means."""
 
-    shortest, longest = 0.08, 0.35  # s between two intentions
-    intentions = ("swing up", "swing up", "spin left", "spin right", "brake", "let go")
+    shortest, longest = 0.0, 0.0  # s between two intentions
+    intentions: tuple[str, ...] = ()  # drawn from; one that stands twice comes twice as often
 
-    def __init__(self, task: Pendulum, rng: np.random.Generator) -> None:
+    def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.perform = PendulumPerform(task, rng)
         self.begin()
 
     def begin(self) -> None:
@@ -99,16 +100,117 @@ class PendulumExplore:
         if time >= self.until:
             self.intention = self.intentions[int(self.rng.integers(len(self.intentions)))]
             self.until = time + float(self.rng.uniform(self.shortest, self.longest))
-        if self.intention == "swing up":
+        return self.follow(self.intention, state, time)
+
+    def follow(self, intention: str, state: Array, time: float) -> int:
+        """Action for an intention in a state."""
+        raise NotImplementedError
+
+
+class PendulumExplore(Explorer):
+    """Pump, brake, spin, balance, let go."""
+
+    shortest, longest = 0.08, 0.35
+    intentions = ("swing up", "swing up", "spin left", "spin right", "brake", "let go")
+
+    def __init__(self, task: Pendulum, rng: np.random.Generator) -> None:
+        super().__init__(rng)
+        self.perform = PendulumPerform(task, rng)
+
+    def follow(self, intention: str, state: Array, time: float) -> int:
+        """Pump and balance as when performing, brake the rate, or hold one action."""
+        if intention == "swing up":
             return self.perform.decide(state, time)
-        if self.intention == "brake":
+        if intention == "brake":
             return 0 if state[1] > 0 else 2
-        return {"spin left": 0, "let go": 1, "spin right": 2}[self.intention]
+        return {"spin left": 0, "let go": 1, "spin right": 2}[intention]
+
+
+class SlungLoadPerform:
+    """Fly towards the basket without haste, keep the load swinging, drop it when it would fall in.
+
+    Accelerating against the load's motion swings it up, along with it calms it: the change of
+    its energy is -ẍ θ̇ cos θ.
+    """
+
+    aim = -1.4  # m: where to hover, on the near side, to swing the load in from
+    haste = 0.6  # 1/s: speed wanted for each metre to go
+    fastest = 1.25  # m/s
+    swing = 1.4  # energy of the load's swing to keep, per mass and length [m/s^2]
+    swing_weight = 0.5  # of the swing beside the speed
+    dead_zone = 0.13  # m/s: small enough to leave alone
+    margin = 1.1  # m: half the part of the basket that it dares to aim at
+
+    def __init__(self, task: SlungLoad, rng: np.random.Generator) -> None:
+        self.task = task
+
+    def begin(self) -> None:
+        """Nothing carries over between episodes."""
+
+    def decide(self, state: Array, time: float) -> int:
+        """Drop the load if it would fall in, else steer."""
+        landing = self.task.landing(state)
+        if landing is not None and abs(landing - self.task.goal) <= self.margin:
+            return RELEASE
+        wanted = np.clip(self.haste * (self.aim - state[0]), -self.fastest, self.fastest)
+        return self.steer(state, float(wanted), self.swing)
+
+    def steer(self, state: Array, speed: float, swing: float) -> int:
+        """Accelerate towards a speed [m/s] and an energy of the swing [m/s²], as both allow."""
+        angle, rate = float(state[2]), float(state[3])
+        energy = 0.5 * self.task.length * rate**2 + self.task.g * (1.0 - np.cos(angle))
+        push = speed - float(state[1])
+        push -= self.swing_weight * (swing - energy) * rate * np.cos(angle)
+        return 1 if abs(push) < self.dead_zone else (0 if push < 0 else 2)
+
+
+class SlungLoadExplore(Explorer):
+    """Bring the load to the basket, fly about, swing it, calm it, drop it just to see."""
+
+    shortest, longest = 0.4, 1.2
+    intentions = ("perform", "perform", "left", "right", "swing", "calm", "drop")
+    speed = 2.0  # m/s, when flying about
+    wild = 5.0  # energy of a load swung high [m/s^2]
+
+    def __init__(self, task: SlungLoad, rng: np.random.Generator) -> None:
+        super().__init__(rng)
+        self.perform = SlungLoadPerform(task, rng)
+
+    def follow(self, intention: str, state: Array, time: float) -> int:
+        """Perform, drop, or steer towards a speed and a swing."""
+        if intention == "perform":
+            return self.perform.decide(state, time)
+        if intention == "drop":
+            return RELEASE
+        speed = {"left": -self.speed, "right": self.speed}.get(intention, 0.0)
+        swing = {"swing": self.wild, "calm": 0.0}.get(intention, self.perform.swing)
+        return self.perform.steer(state, speed, swing)
+
+
+class CartPolePerform:
+    """Push the cart under the pole."""
+
+    lead = 0.25  # s: how far ahead of the angle the balancing hand reacts
+    dead_zone = 0.05  # rad: small enough to leave alone
+
+    def __init__(self, task: CartPole, rng: np.random.Generator) -> None:
+        pass
+
+    def begin(self) -> None:
+        """Nothing carries over between episodes."""
+
+    def decide(self, state: Array, time: float) -> int:
+        """Push towards the side that it leans to, soon."""
+        lean = float(state[0]) + self.lead * float(state[1])
+        return 1 if abs(lean) < self.dead_zone else (2 if lean > 0 else 0)
 
 
 _LAWS: dict[tuple[str, str], type] = {
     ("pendulum", "perform"): PendulumPerform,
     ("pendulum", "explore"): PendulumExplore,
+    ("slung_load", "perform"): SlungLoadPerform,
+    ("slung_load", "explore"): SlungLoadExplore,
+    ("cart_pole", "perform"): CartPolePerform,
 }
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
@@ -18,7 +17,9 @@ from iolspi_ros import parameters, qos, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes import runtime
+from iolspi_ros.nodes.vehicle import VehicleTopics
 from iolspi_ros.settings import Settings, setting
+from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.world import World, WorldSettings
 
@@ -41,7 +42,7 @@ class SimulatorSettings(Settings):
 
 
 class Simulator(Node):
-    """Publishes `state`, `reward` and `/clock`; takes `action`; see docs/interfaces.md."""
+    """Publishes `state`, `reward`, `/clock`, `markers`; takes `action`: docs/interfaces.md."""
 
     def __init__(self) -> None:
         super().__init__("simulator")
@@ -54,16 +55,13 @@ class Simulator(Node):
         parameters.declare(self, WorldSettings, world)
         parameters.check_changes(self, SimulatorSettings, self._task_class, WorldSettings)
         parameters.warn_unknown(self)
-        self._action_rows = wire.Rows("action", wire.ACTION)
-        self._reward_rows = wire.RewardRows()
-        self._state_out = self.create_publisher(JointState, "state", qos.OUTGOING)
-        self._reward_out = self.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
+        self._topics = VehicleTopics(self)
         self._clock_out = self.create_publisher(Clock, "/clock", qos.OUTGOING)
-        self._state_message, self._clock_message = JointState(), Clock()
+        self._markers = Markers(self)
+        self._clock_message = Clock()
         self._ticks = 0
         self._episode = -1
         self._paused = False
-        self.ignored = 0
         self._restart()
         self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -125,9 +123,7 @@ class Simulator(Node):
         self._observation = observation = observation._replace(stamp=stamp)
         time_now = self._clock_message.clock
         time_now.sec, time_now.nanosec = wire.split(stamp)
-        joints = self.world.task.joints
-        wire.fill_state(self._state_message, joints, observation.state, stamp)
-        self._reward_message = self._reward_rows.of(observation)
+        self._topics.show(self.world.task.joints, observation)
         self._publish()
 
     def _repeat(self) -> None:
@@ -137,35 +133,23 @@ class Simulator(Node):
     def _publish(self) -> None:
         if self._paused or self._done:
             return
-        runtime.publish(self._state_out, self._state_message)
-        runtime.publish(self._reward_out, self._reward_message)
+        self._topics.publish()
         # Last: whoever answers is at work already.
         runtime.publish(self._clock_out, self._clock_message)
         self._published = time.monotonic()
+        self._markers.show(self.world.task, self._observation)
 
     # ------------------------------------------------------------ what comes in
 
     def _on_action(self, message: Any) -> None:
-        try:
-            episode, step, _, _, value, _ = self._action_rows.read(message)
-            action = wire.whole(value)
-            if not 0 <= action < len(self.world.task.actions):
-                raise InputError(
-                    f"action is {value}; allowed: 0 to {len(self.world.task.actions) - 1}"
-                )
-        except InputError as error:
-            self.ignored += 1
-            self.get_logger().warning(
-                f"{error} ({self.ignored} ignored)", throttle_duration_sec=5.0
-            )
-            return
-        if self._paused or self._done or episode != self._episode:
+        answer = self._topics.read(len(self.world.task.actions), message)
+        if answer is None or self._paused or self._done or answer.episode != self._episode:
             return
         if self.settings.mode == "lockstep":
-            if step == self._observation.step:
-                self._advance(action)
-        elif self._answered < step <= self._observation.step:
-            self._answered, self._action = int(step), action
+            if answer.step == self._observation.step:
+                self._advance(answer.action)
+        elif self._answered < answer.step <= self._observation.step:
+            self._answered, self._action = int(answer.step), answer.action
 
     def _tick(self) -> None:
         if not (self._paused or self._done):

@@ -27,6 +27,9 @@ class WorldSettings(Settings):
     action_noise: float = setting(
         0.0, "standard deviation of the noise on the action, in its unit (T Eq. 10-1)", low=0.0
     )
+    uniform_noise: float = setting(
+        0.0, "half-width of uniform noise on the action, in its unit; T 8-1 takes 10.0", low=0.0
+    )
     sensor_noise: tuple[float, ...] = setting(
         (0.0,),
         "standard deviations of the measured state (T Eq. 10-2); one for all, or each",
@@ -43,6 +46,13 @@ class World:
     settings : WorldSettings
     rng : numpy.random.Generator
         Draws initial conditions and noise.
+
+    Attributes
+    ----------
+    state : ndarray of shape (n_dims,)
+        Of the vehicle, as it is.
+    sensor_noise : ndarray of shape (n_dims,)
+        Standard deviations of the measured state.
     """
 
     def __init__(self, task: Task, settings: WorldSettings, rng: np.random.Generator) -> None:
@@ -54,8 +64,8 @@ class World:
         noise, n_dims = settings.sensor_noise, self._starts.shape[1]
         if len(noise) not in (1, n_dims):
             raise InputError(f"sensor_noise has {len(noise)} entries; allowed: 1 or {n_dims}")
-        self._sensor = np.broadcast_to(np.array(noise), (n_dims,))
-        self._state = self._starts[0]
+        self.sensor_noise = np.broadcast_to(np.array(noise), (n_dims,)).copy()
+        self.state = self._starts[0]
         self._episodes_started = 0
         self._step = 0
 
@@ -67,9 +77,9 @@ class World:
     def begin(self, episode: int) -> Observation:
         """Put the vehicle at an initial condition."""
         if self.settings.order == "sweep":
-            self._state = self._starts[self._episodes_started % len(self._starts)]
+            self.state = self._starts[self._episodes_started % len(self._starts)]
         else:
-            self._state = self.task.draw_initial(self.rng)
+            self.state = self.task.draw_initial(self.rng)
         self._episodes_started += 1
         self._step = 0
         return Observation(episode, 0, self._measured())
@@ -79,8 +89,10 @@ class World:
         noise = 0.0
         if self.settings.action_noise:
             noise = self.settings.action_noise * self.rng.standard_normal()
-        self._state, reward, terminated = self.task.step(
-            self._state, action, self.vehicle_time, noise
+        if self.settings.uniform_noise:
+            noise += self.settings.uniform_noise * (2.0 * self.rng.random() - 1.0)
+        self.state, reward, terminated = self.task.step(
+            self.state, action, self.vehicle_time, noise
         )
         self._step += 1
         self.vehicle_steps += 1
@@ -88,18 +100,13 @@ class World:
         cut = not ended and self._step >= self.task.episode_steps
         return Observation(episode, self._step, self._measured(), float(reward), action, ended, cut)
 
-    @property
-    def noisy(self) -> bool:
-        """Whether there is noise between the vehicle and its controller."""
-        return bool(self.settings.action_noise or self._sensor.any())
-
     def flown(self, state: Array, steps: int) -> None:
         """Take over a stretch that was computed elsewhere, and where it led."""
-        self._state = state
+        self.state = state
         self._step += steps
         self.vehicle_steps += steps
 
     def _measured(self) -> Array:
-        if not self._sensor.any():
-            return self._state
-        return self._state + self._sensor * self.rng.standard_normal(len(self._state))
+        if not self.sensor_noise.any():
+            return self.state
+        return self.state + self.sensor_noise * self.rng.standard_normal(len(self.state))

@@ -3,18 +3,13 @@ import json
 import numpy as np
 import pytest
 
-from iolspi_ros.bench import learner, scale, speed
-from iolspi_ros.bench.rows import at_least, at_most, interval
+from iolspi_ros.bench import latency, learner, safety, scale, speed
+from iolspi_ros.bench.rows import at_least, at_most
 from iolspi_ros.cli import bench
-
-
-def test_the_interval_is_that_of_the_book():
-    """Ten values of mean 3 and standard deviation 1: 3 ± 2.262 / √10 (Student, 9 degrees)."""
-    values = np.repeat([2.0, 4.0], 5) * np.sqrt(0.9) + 3.0 - 3.0 * np.sqrt(0.9)
-    assert np.std(values, ddof=1) == pytest.approx(1.0)
-    mean, low, high = interval(values)
-    assert (mean, low, high) == pytest.approx((3.0, 3.0 - 0.7153, 3.0 + 0.7153), abs=1e-4)
-    assert interval(np.array([7.0])) == (7.0, 7.0, 7.0)
+from iolspi_ros.experiments.dropping import INFORMED, Dropping, drop
+from iolspi_ros.experiments.thesis import slung_load_claims as c
+from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
+from sim_nodes.tasks.slung_load import Outcome
 
 
 def test_goals_hold_or_not():
@@ -27,18 +22,56 @@ def test_power_laws_are_found():
     assert scale.exponent([1.0, 10.0, 100.0], [3.0, 3e2, 3e4]) == pytest.approx(2.0)
 
 
-def test_a_realisation_is_judged_after_every_update():
-    curve = learner.fly("set 5", learner.REFRESHED, 0, learner.STILL, 12.0)
-    assert curve.time.tolist() == [0.0, 5.0, 10.0]
-    assert (curve.ratio > 0.99).all()
-    assert ((curve.upright >= curve.whole) & (curve.upright <= 1.0)).all()
+def test_figures_are_taken_at_the_deadline_and_after_it():
+    """Two seeds, cost 1.2, 1.1, 1.0 and 1.2, 1.1, 1.02 at 0, 20 and 40 s."""
+    ratio = np.array([[1.2, 1.1, 1.0], [1.2, 1.1, 1.02]])
+    upright = np.array([[0.0, 0.5, 1.0], [0.0, 0.7, 1.0]])
+    curves = learner.Curves(np.array([0.0, 20.0, 40.0]), ratio, upright, upright)
+    found = {row.name: row for row in learner._figures(curves, "set 5", "refreshed")}
+    assert found["set 5, refreshed: cost at 20 s, mean"].value == pytest.approx(1.1)
+    assert found["set 5, refreshed: cost, worst later update of all seeds"].value == 1.1
+    assert not found["set 5, refreshed: cost at 20 s, upper 95 %"].holds
+    assert found["set 5, refreshed: last 0.5 s upright at 20 s, mean"].value == pytest.approx(0.6)
 
 
-def test_random_samples_are_whole_episodes_of_all_actions():
-    samples = learner.samples("random", 3)
-    assert len(samples) == 21 * 300
-    assert samples.truncated.sum() == 21
-    assert np.bincount(samples.action).min() > 1900
+def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
+    """1 in 10 online and 1 in 20 informed; the shield lets none through."""
+
+    def cell(every, dunks):
+        ending = np.full((2, 15_000), Outcome.MISS)
+        if every:
+            ending[:, ::every] = [[Outcome.WALL], [Outcome.CABLE]]
+        judged = np.zeros((2, 2, 5), int)
+        judged[:, -1, Outcome.DUNK], judged[:, -1, Outcome.OPEN] = dunks, 10 - dunks
+        numbers = {name: np.ones((2, 2)) for name in ("discounted", "bare_discounted", "vetoes")}
+        return {"ending": ending, "judged": judged, **numbers}
+
+    data = {c.ONLINE_T: cell(10, 3), c.INFORMED_T: cell(20, 4), c.GREEDY: cell(20, 10),
+            c.SHIELDED: cell(0, 9), c.NARROW_LARGE: cell(20, 7),
+            NEAR_OPTIMAL: {"judged": np.array([[0, 10, 0, 0, 0]])}}  # fmt: skip
+    found = {row.name: row for row in safety.rows(data)}
+    assert found["online: crashes per 1,000 episodes, 0 to 15000"].value == pytest.approx(100.0)
+    assert found["informed: misses per 1,000 episodes, 0 to 1000"].value == pytest.approx(950.0)
+    assert found["online: crashes in all 15000 episodes"].value == pytest.approx(1500.0)
+    fewer = found["crashes fewer with demonstrations than without, 15,000 episodes"]
+    assert fewer.value == pytest.approx(50.0)
+    assert fewer.holds
+    assert found["informed, larger grid: greedy dunks, mean"].holds
+    assert not found["narrow, informed, larger grid: greedy dunks, mean"].holds
+    over = "crashes with demonstrations and shield over online's, episodes 0 to 1000"
+    assert found[over].value == 0.0
+
+
+def test_a_realisation_says_how_every_episode_ended():
+    found = drop(Dropping(INFORMED, samples="set 5", episodes=40, looks=2), 0)
+    again = drop(Dropping(INFORMED, samples="set 5", episodes=40, looks=4), 0)
+    np.testing.assert_array_equal(found["ending"], again["ending"])  # looking changes nothing
+    assert (found["judged"].sum(axis=1) == 143).all()
+    assert not found["vetoes"].any()
+    worth = {Outcome.DUNK: 100.0, Outcome.MISS: -10.0, Outcome.CABLE: -50.0, Outcome.WALL: -150.0}
+    for score, ending in zip(found["score"], found["ending"], strict=True):
+        on_the_way = score - worth.get(Outcome(ending), 0.0)
+        assert -50 * 0.5 * 6.5 <= on_the_way <= 0.0  # T Eq. 20: at most 6.5 m from the basket
 
 
 def test_algorithm_2_written_out_gives_our_weights():
@@ -58,3 +91,12 @@ def test_rows_are_written_as_json(tmp_path):
     bench._write(tmp_path / "rows.json", [at_most("time", 1.0, "s", 2.0)])
     row = {"name": "time", "value": 1.0, "unit": "s", "goal": "at most 2", "holds": True}
     assert json.loads((tmp_path / "rows.json").read_text()) == [row]
+
+
+def test_delays_are_to_the_first_setpoint_that_changed():
+    asked = np.array([1000, 2000, 3000, 4000])
+    passed = np.array([900, 1100, 1300, 1900, 2400, 2900, 3100, 4200])
+    values = np.array([-3.0, -3.0, 1.0, 3.0, 3.0, -1.0, -3.0, -2.0])
+    found = latency.delays(asked, passed, values, 1e-6)
+    np.testing.assert_allclose(found, [300e-9, 900e-9, 100e-9, 200e-9])
+    np.testing.assert_allclose(latency.delays(asked, passed, values, 250e-9), [100e-9, 200e-9])

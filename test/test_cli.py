@@ -15,9 +15,10 @@ import pytest
 
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.cli import progress
+from iolspi_ros.graph import free_domain
 from iolspi_ros.resources import find
 
-COMMANDS = ("bench", "demo", "learn", "record", "run")
+COMMANDS = ("bench", "demo", "fly", "learn", "record", "run")
 
 
 def iolspi(*arguments, cwd=None, deadline=120.0):
@@ -54,9 +55,16 @@ def test_help_and_version():
         (("record", "--out", "/proc/no"), "bag /proc/no cannot be made"),
         (("run", "learner", "-p", "seed:=1"), "would do nothing; allowed: --ros-args"),
         (("demo", "--seconds", "-1"), "--seconds is -1.0; allowed"),
+        (("demo", "--episodes", "0"), "--episodes is 0; allowed"),
+        (("learn", "--episodes", "9", "--seconds", "9"), "both given; allowed: one of them"),
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
+        (("fly", "--autopilot", "betaflight"), "allowed: embedded, px4, ardupilot, paparazzi"),
+        (("fly", "--autopilot", "paparazzi"), "cannot be flown over MAVLink"),
+        (("fly", "--checkpoint", "/nowhere"), "--checkpoint /nowhere is not there"),
+        (("fly", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("record", "--set", "7", "--out", "x"), "--set is 7; allowed: 1 to 5"),
         (("record", "--mode", "sleep", "--out", "x"), "mode is 'sleep'; allowed: perform, explore"),
+        (("run", "simulator", "--task", "kite"), "task is 'kite'; allowed: pendulum, slung_load"),
         (("run", "pilot"), "node is 'pilot'; allowed: simulator, demonstrator, learner"),
     ],
 )
@@ -120,8 +128,8 @@ def test_the_demo_leaves_everything_and_no_graph(tmp_path):
     assert summary["lockstep_steps_per_second"] > 0
     assert summary["near_optimal_return"] < 0
     assert summary["discounted_return"] <= summary["near_optimal_return"]
-    assert 0 <= summary["upright_fraction"] <= 1
-    assert summary["shown_upright_fraction"] == summary["upright_fraction"]  # graph and headless
+    assert 0 <= summary["success_fraction"] <= 1
+    assert summary["shown_success_fraction"] == summary["success_fraction"]  # graph and headless
     assert (summary["ros_distro"], summary["rmw"]) == ("jazzy", "rmw_fastrtps_cpp")
     assert (out / "checkpoint.npz").is_file()
     page = (out / "report.html").read_text()
@@ -130,6 +138,31 @@ def test_the_demo_leaves_everything_and_no_graph(tmp_path):
     recorded = read_demonstration(out / "bag", "pendulum", ("shaft",))
     assert len(recorded.samples) == 6300
     assert not [line for line in graph_processes() if str(out) in line]
+
+
+@pytest.mark.timeout(400)
+def test_the_demo_of_the_slung_load_counts_what_breaks(tmp_path):
+    out = tmp_path / "demo"
+    result = iolspi("demo", "--task", "slung_load", "--episodes", 30, "--out", out, deadline=380)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "learning online [episodes]: 30 of 30" in result.stdout
+    assert "near-optimal policy [%]: 100 of 100" in result.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    ways = summary["ends_shown"]
+    assert set(ways) == {"time-out", "dunk", "miss", "crash: cable", "crash: wall"}
+    assert sum(ways.values()) == pytest.approx(1.0, abs=0.001)
+    assert summary["shown_success_fraction"] == summary["success_fraction"]  # graph and headless
+    assert ways["dunk"] == pytest.approx(summary["success_fraction"], abs=1e-4)
+    assert sum(summary["ends_while_learning"].values()) == pytest.approx(1.0, abs=0.001)
+    assert summary["discounted_return"] < summary["near_optimal_return"]
+    page = (out / "report.html").read_text()
+    assert page.count("<img") >= 8
+    assert "<canvas" in page
+    words = page.lower()
+    assert "end with a dunk" in words
+    assert "upright" not in words
+    recorded = read_demonstration(out / "bag", "slung_load", ("quadrotor", "load"))
+    assert len(recorded.samples) == summary["demonstrated_samples"]
 
 
 def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
@@ -149,6 +182,22 @@ def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
     assert "Traceback" not in said
     assert not [line for line in graph_processes() if str(out) in line]
     assert (out / "checkpoint.npz").is_file()
+
+
+def test_a_node_runs_with_the_parameters_of_a_task(tmp_path):
+    command = ["run", "simulator", "--task", "slung_load", "--ros-args", "-p", "initial:=narrow"]
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "iolspi_ros", *command], stdout=log, stderr=log,
+            env=os.environ | {"ROS_DOMAIN_ID": str(free_domain())},
+        )  # fmt: skip
+    end = time.monotonic() + 30
+    while "slung_load in lockstep" not in (tmp_path / "log").read_text():
+        assert time.monotonic() < end
+        assert process.poll() is None, (tmp_path / "log").read_text()
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 0
 
 
 def test_a_folder_that_is_called_like_the_package_is_in_nobodys_way(tmp_path):

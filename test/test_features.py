@@ -150,3 +150,16 @@ def test_a_degenerate_hull_is_refused(states, words):
     grid = RBFGrid((-1.0, -1.0), (1.0, 1.0), (5, 5))
     with pytest.raises(InputError, match=words):
         grid.trim(np.array(states))
+
+
+def test_unnormalised_functions_and_a_constant():
+    grid = RBFGrid((-1.0, -2.0), (1.0, 2.0), (2, 3), "none", 0.7, constant=True)
+    state = np.array([0.4, -0.9])
+    expected = [1.0]
+    for x in (-1.0, 1.0):
+        for y in (-2.0, 0.0, 2.0):
+            expected += [math.exp(-((0.4 - x) ** 2 + (-0.9 - y) ** 2) / (2 * 0.7**2))]
+    np.testing.assert_allclose(grid(state), expected, rtol=1e-14)
+    assert grid.size == 7
+    trimmed = grid.trim(np.array([(-1.5, -3.0), (-1.5, 3.0), (0.5, 3.0), (0.5, -3.0)]))
+    np.testing.assert_allclose(trimmed(state), expected[:4], rtol=1e-14)

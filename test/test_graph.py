@@ -15,7 +15,7 @@ from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
-from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.nodes import runtime
 from iolspi_ros.resources import find
 from sim_nodes.tasks import Pendulum
@@ -86,6 +86,30 @@ def test_graph_and_headless_are_bit_identical(nodes, tmp_path, informed):
     assert_same(learner, headless(3, informed))
     other = headless(4, informed)
     assert not np.array_equal(learner.weights, other.weights)
+
+
+def test_the_slung_load_is_the_same_too(nodes, tmp_path):
+    """Episodes of many lengths, a fourth action, demonstrations; as the task's file says."""
+    config, bag = find("config", "slung_load.yaml"), find("demos", "slung_load", "set_5")
+    path, episodes = tmp_path / "c.npz", 60
+    file = ("--params-file", str(config), "-p")
+    nodes.start(
+        "learner", *file, f"checkpoint:={path}", "-p", "seed:=3", "-p", "update_interval:=200",
+    )  # fmt: skip
+    nodes.start("simulator", *file, f"episodes:={episodes}", "-p", "seed:=3")
+    nodes.start("demonstrator", *file, f"bags:=[{bag}]")
+    nodes.wait_for("simulator", f"done: {episodes} episodes", 60.0)
+    assert nodes.end("simulator")[0] == nodes.end("demonstrator")[0] == 0
+    assert nodes.end("learner", signal.SIGTERM)[0] == 0, nodes.log("learner")
+    world, alone = prepare("slung_load", config, 3)
+    settings = replace(alone.settings, update_interval=200)
+    flown = OnlineLSPI(settings, np.random.default_rng([3, 1]))
+    checkpoint.load(path, flown, "slung_load")
+    alone = OnlineLSPI(settings, np.random.default_rng([3, 1]))
+    alone.inform(bags.read_demonstration(bag, "slung_load", world.task.joints).transitions(4))
+    train(world, alone, episodes, Listener())
+    assert flown.step == alone.step >= 3 * 200
+    assert_same(flown, alone)
 
 
 def test_two_runs_with_one_seed_are_bit_identical(nodes, tmp_path):

@@ -14,9 +14,11 @@ ALLOWED = {
     "sim_nodes/autopilot": ("sim_nodes.autopilot", "iolspi_ros.errors"),
     "msg_bridge/frames.py": (),
 }  # fmt: skip
-ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs")
+ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs",
+       "geometry_msgs", "visualization_msgs")  # fmt: skip
 ROS_FREE = ["iolspi_ros/core", "sim_nodes/tasks", "sim_nodes/world.py", "sim_nodes/pilots.py",
-            "sim_nodes/autopilot", "iolspi_ros/experiments", "iolspi_ros/report",
+            "sim_nodes/pictures.py", "sim_nodes/autopilot", "iolspi_ros/experiments",
+            "iolspi_ros/report",
             "iolspi_ros/bags"]  # fmt: skip
 
 

@@ -15,11 +15,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import bags, qos, wire
 from iolspi_ros.core.online import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.nodes import runtime
+from iolspi_ros.nodes.stick import Stick, StickSettings
 from iolspi_ros.resources import find
 
 SET_5 = find("demos", "pendulum", "set_5")
@@ -147,6 +149,35 @@ def test_in_real_time_nobody_is_waited_for(nodes, peer):
     peer.until(lambda: any(m.data[6] for m in peer.heard["reward"]))  # an episode ran out
     actions = {m.data[7] for m in peer.heard["reward"] if m.data[1] > 0}
     assert actions == {1.0}  # neutral all the way
+
+
+def test_whoever_looks_sees_the_vehicle_and_what_it_drops(nodes, peer):
+    peer.listen("state", JointState)
+    peer.listen("markers", MarkerArray)
+    act = peer.publisher("action", Float64MultiArray)
+    config = find("config", "slung_load.yaml")
+    nodes.start("simulator", "--params-file", str(config))
+    peer.until(lambda: peer.heard["state"] and peer.heard["markers"])
+    markers = {marker.ns: marker for marker in peer.heard["markers"][0].markers}
+    state, stamp = peer.heard["state"][0], markers["load"].header.stamp
+    assert (state.header.stamp, markers["load"].header.frame_id) == (stamp, "world")
+    x, angle = state.position
+    assert markers["quadrotor"].pose.position.x == x
+    load = markers["load"].pose.position
+    assert (load.x, load.z) == pytest.approx((x + np.sin(angle), -np.cos(angle)))
+    assert [p.x for p in markers["cable"].points] == pytest.approx([x, load.x])
+    assert all(m.action == Marker.ADD and m.color.a > 0 and m.scale.x > 0 for m in markers.values())
+    assert "fall" not in markers
+    act.publish(wire.Rows("action", wire.ACTION).message(0, 0, *stamp_of(state), 3, Source.HUMAN))
+    peer.until(lambda: any(m.ns == "fall" for a in peer.heard["markers"] for m in a.markers))
+    last = peer.heard["markers"][-1].markers[-1]
+    assert last.ns == "fall"
+    assert (last.points[0].x, last.points[0].z) == pytest.approx((load.x, load.z))
+    assert last.points[-1].z < last.points[0].z
+
+
+def stamp_of(message):
+    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 # ---------------------------------------------------------------- learner
@@ -391,6 +422,19 @@ def test_a_replay_can_keep_the_recorded_time(nodes, peer):
     assert time.monotonic() - start > 1.4
     peer.until(lambda: len(peer.heard["demonstration"]) == 2)
     assert list(peer.heard["demonstration"][-1].data[-2:]) == [0.0, 6300.0]
+
+
+def test_an_axis_may_leave_the_last_action_to_a_button():
+    """As for the slung load: -3, 0, +3 m/s² on the stick, the release on the first button."""
+    stick = Stick(StickSettings(joy_actions=3, joy_buttons=(3,)), 4, 1)
+    chosen = []
+    for axis, button in ((1.0, 0), (0.0, 0), (-1.0, 0), (-1.0, 1), (0.9, 0)):
+        stick.take(Joy(axes=[axis], buttons=[button]))
+        chosen.append(stick.action())
+    assert chosen == [0, 1, 2, 3, 0]
+    everything = Stick(StickSettings(), 4, 1)
+    everything.take(Joy(axes=[-1.0], buttons=[]))
+    assert everything.action() == 3
 
 
 def test_without_a_joystick_nothing_is_recorded(nodes, peer, tmp_path):

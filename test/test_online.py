@@ -66,17 +66,33 @@ def test_it_is_algorithm_2(forget_factor):
     np.testing.assert_allclose(core.weights, expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("task", [Pendulum(), Pendulum(g_after=19.81, g_change_start=1.7)])
+STILL, BOTH = WorldSettings(), WorldSettings(action_noise=2.0, sensor_noise=(0.1, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("task", "noise"),
+    [
+        (Pendulum(), STILL),
+        (Pendulum(), BOTH),
+        (Pendulum(), WorldSettings(action_noise=2.0)),
+        (Pendulum(), WorldSettings(uniform_noise=2.0)),
+        (Pendulum(g_after=19.81, g_change_start=1.7), STILL),
+        (Pendulum(g_after=19.81, g_change_start=1.7, g_change_duration=1.0), BOTH),
+    ],
+)
 @pytest.mark.parametrize("algorithm", ["literal", "refreshed"])
-def test_the_compiled_loop_flies_step_by_step_the_same(task, algorithm):
-    """Zero weights make ties; g that jumps, episodes and batches cut the loop."""
-    cores, states = [], []
+def test_the_compiled_loop_flies_step_by_step_the_same(task, noise, algorithm):
+    """Zero weights make ties; g that changes, episodes and batches cut the loop."""
+    cores, states, totals = [], [], []
     for listener in (Listener(), Listener(on_observation=lambda *_: None)):
         core = learner(algorithm=algorithm, update_interval=70, epsilon=0.5, epsilon_decay=0.9)
         core.weights[:] = 0.0
-        vehicle = World(task, WorldSettings(), np.random.default_rng([4, 0]))
+        vehicle = World(task, noise, np.random.default_rng([4, 0]))
+        scores = []
+        listener.on_episode = lambda *numbers, scores=scores: scores.append(numbers)
         train(vehicle, core, 3, listener)
         cores.append(core)
+        totals.append(scores)
         states.append(vehicle.begin(9).state)
     compiled, plain = cores
     assert compiled.updates == plain.updates > 10
@@ -85,6 +101,8 @@ def test_the_compiled_loop_flies_step_by_step_the_same(task, algorithm):
         for x, y in zip(a, b, strict=True):
             np.testing.assert_array_equal(x, y)
     np.testing.assert_array_equal(*states)
+    assert len(totals[0]) == 3
+    np.testing.assert_allclose(*totals, rtol=1e-12)
     assert compiled.rng.random() == plain.rng.random()
 
 

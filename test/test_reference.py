@@ -3,6 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
+from iolspi_ros import resources
 from iolspi_ros.core.reference import Grid, NearOptimal, near_optimal
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache, evaluate
@@ -129,7 +130,7 @@ def test_a_folder_that_cannot_be_written_is_no_error(folder):
 def test_a_relative_cache_folder_is_not_taken(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert cache.folder() == tmp_path / ".cache" / "iolspi_ros"
+    assert resources.cache_folder() == tmp_path / ".cache" / "iolspi_ros"
 
 
 def test_looking_further_ahead_makes_up_for_values_that_know_nothing():

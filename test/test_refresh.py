@@ -5,10 +5,11 @@ from iolspi_ros.core import judge
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import BlockSystem, solve_system
+from iolspi_ros.core.lspi import BlockSystem
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.core.solve import solve_system
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.headless import Listener, train
 from sim_nodes.tasks import Pendulum

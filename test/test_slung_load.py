@@ -159,7 +159,7 @@ def test_a_world_starts_anywhere_and_is_cut_after_5_s():
     world = World(TASK, WorldSettings(), np.random.default_rng(0))
     starts = {float(world.begin(k).state[0]) for k in range(50)}
     assert len(starts) == 50
-    world._state = np.array([-4.0, 0.0, 0.0, 0.0])
+    world.state = np.array([-4.0, 0.0, 0.0, 0.0])
     seen = [world.move(49, TASK.neutral) for _ in range(50)]
     assert [s.last for s in seen] == [False] * 49 + [True]
     assert seen[-1].truncated

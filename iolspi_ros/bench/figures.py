@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from iolspi_ros.bench.learner import DEADLINE, SOURCES, Curve
+from iolspi_ros.bench.learner import DEADLINE, JUMP, SOURCES, Curves
 from iolspi_ros.bench.scale import T_SECONDS, Grown, exponent, series
 from iolspi_ros.report.plots import ACCENT, FAINT, INK, REFERENCE
 
 _COLOURS = {"literal": FAINT, "refreshed": ACCENT}
 
 
-def learning(still: Sequence[Curve], jump: Sequence[Curve], folder: Path) -> None:
+def learning(found: Mapping[tuple[str, str], Curves], folder: Path) -> None:
     """Cost over near-optimal by source, median and range of the seeds: learning.png."""
     figure = Figure(figsize=(11.0, 6.0), layout="constrained")
     panels = figure.subplots(2, 4, sharey=True).ravel()
-    groups = [(s, [c for c in still if c.source == s]) for s in SOURCES]
-    groups.append(("set 5, g jumps at 300 s", list(jump)))
-    for axes, (title, curves) in zip(panels, groups, strict=True):
+    for axes, title in zip(panels, (*SOURCES, JUMP), strict=True):
         for algorithm, colour in _COLOURS.items():
-            chosen = [c for c in curves if c.algorithm == algorithm]
-            ratio = np.stack([c.ratio for c in chosen])
-            time = chosen[0].time
+            curves = found[title, algorithm]
+            time, ratio = curves.time, curves.ratio
             axes.fill_between(time, ratio.min(axis=0), ratio.max(axis=0), color=colour, alpha=0.25)
             axes.plot(time, np.median(ratio, axis=0), color=colour, label=algorithm)
         axes.axhline(1.0, color=REFERENCE, lw=1.0)

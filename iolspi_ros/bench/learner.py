@@ -2,182 +2,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from iolspi_ros import resources
-from iolspi_ros.bags import read_demonstration
-from iolspi_ros.bench.rows import Row, at_least, at_most, interval
-from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.online import OnlineLSPI
-from iolspi_ros.core.samples import Transition, Transitions
-from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
-from iolspi_ros.experiments.headless import Listener, train
-from sim_nodes.tasks import make_task
-from sim_nodes.tasks.base import Task
-from sim_nodes.tasks.pendulum import UPRIGHT_ANGLE, UPRIGHT_TIME
-from sim_nodes.world import World, WorldSettings
+from iolspi_ros.bench.rows import Row, at_least, at_most
+from iolspi_ros.experiments import engine
+from iolspi_ros.experiments.engine import Cell
+from iolspi_ros.experiments.learning import HANGING, LITERAL, REFRESHED, Learning, best, learn
+from iolspi_ros.experiments.results import Store
+from iolspi_ros.experiments.samplesets import NOTHING, SEQUENTIAL
+from iolspi_ros.experiments.statistics import interval
 
 Array = NDArray[np.float64]
 
-SEEDS = 20
-SECONDS = 600.0
-SOURCES = ("set 1", "set 2", "set 3", "set 4", "set 5", "random", "nothing")
-DEADLINE = dict.fromkeys(SOURCES, 20.0) | {"nothing": 40.0}
+SOURCES = ("set 1", "set 2", "set 3", "set 4", "set 5", SEQUENTIAL, NOTHING)
+JUMP = "set 5, g jumps at 300 s"
+ALGORITHMS = {"refreshed": REFRESHED, "literal": LITERAL}
+DEADLINE = dict.fromkeys(SOURCES, 20.0) | {NOTHING: 40.0}
 """Vehicle time by which a policy should be near-optimal [s]."""
-LITERAL = LearnerSettings(algorithm="literal", periodic=(False,))
-REFRESHED = LearnerSettings()
-STILL = make_task("pendulum", {}, "bench")
-JUMP = make_task("pendulum", {"g_after": 19.81, "g_change_start": 300.0}, "bench")
-"""T IV-A-4."""
 FORGETTING = 0.99991
 """η of the jump: 1 % left after 50,000 steps, the best of T IV-A-5."""
+_BETWEEN_UPDATES = 5.0  # s
 
 
 @dataclass(frozen=True)
-class Curve:
-    """Policies of one realisation over time.
+class Curves:
+    """Policies of all realisations of one setting over time.
 
     Attributes
     ----------
-    source : str
-    algorithm : str
-    seed : int
     time : ndarray of shape (n_policies,)
         Vehicle time [s].
-    ratio : ndarray of shape (n_policies,)
+    ratio : ndarray of shape (n_seeds, n_policies)
         Discounted cost over near-optimal.
-    upright : ndarray of shape (n_policies,)
+    upright : ndarray of shape (n_seeds, n_policies)
         Share of the episodes' last 0.5 s spent within 15° of upright.
-    whole : ndarray of shape (n_policies,)
+    whole : ndarray of shape (n_seeds, n_policies)
         Share of the episodes that were upright for all of it.
     """
 
-    source: str
-    algorithm: str
-    seed: int
     time: Array
     ratio: Array
     upright: Array
     whole: Array
 
 
-@cache
-def best_return(jump: bool, time: float) -> float:
-    """Near-optimal mean discounted return under the conditions of a time."""
-    task = JUMP if jump else STILL
-    return evaluate(task, near_optimal_policy(task, time=time), time).discounted_return
+def settings() -> Mapping[tuple[str, str], Learning]:
+    """What is learned, by source (or `JUMP`) and algorithm; every policy is looked at."""
+    found = {}
+    for name, learner in ALGORITHMS.items():
+        for source in SOURCES:
+            found[source, name] = _every_update(Learning(learner, samples=source, seconds=600.0))
+        careful = replace(learner, epsilon=0.05, forget_factor=FORGETTING)
+        jump = replace(HANGING, g_after=19.81, g_change_start=300.0)  # T IV-A-4
+        found[JUMP, name] = _every_update(Learning(careful, jump, samples="set 5", seconds=420.0))
+    return found
 
 
-def samples(source: str, seed: int) -> Transitions | None:
-    """What a realisation learns from before it flies."""
-    task = STILL
-    if source.startswith("set "):
-        path = resources.find("demos", "pendulum", f"set_{source[4:]}")
-        return read_demonstration(path, task.name, task.joints).transitions(2)
-    if source == "nothing":
-        return None
-    rng = np.random.default_rng([seed, 2])  # random actions in whole episodes (T fig. 8)
-    world = World(task, WorldSettings(order="sweep"), rng)
-    rows = []
-    for episode in range(len(task.initial_states())):
-        seen = world.begin(episode)
-        while not seen.last:
-            after = world.move(episode, int(rng.integers(3)))
-            rows.append(
-                Transition(
-                    seen.state, after.action, after.reward, after.state, after.terminated,
-                    after.truncated,
-                )
-            )  # fmt: skip
-            seen = after
-    return Transitions.of(rows, 2)
-
-
-def fly(source: str, settings: LearnerSettings, seed: int, task: Task, seconds: float) -> Curve:
-    """One realisation: learn from samples, go on online, judge every policy on the model."""
-    core = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-    found: list[tuple[float, float, float, float]] = []
-
-    def look(time: float) -> None:
-        flown = evaluate(task, policy_of(core.weights, core.features), time)
-        ends = np.abs(flown.states[-round(UPRIGHT_TIME / task.dt) :, :, 0]) <= UPRIGHT_ANGLE
-        ratio = flown.discounted_return / best_return(task == JUMP, time)
-        found.append((time, ratio, float(ends.mean()), flown.success_fraction))
-
-    taught = samples(source, seed)
-    if taught is not None:
-        core.inform(taught)
-    look(0.0)
-    world = World(task, WorldSettings(), np.random.default_rng([seed, 0]))
-    listener = Listener(on_update=lambda update: look(update.step * task.dt))
-    train(world, core, round(seconds / (task.dt * task.episode_steps)), listener)
-    return Curve(source, settings.algorithm, seed, *np.array(found).T)
-
-
-def curves(seeds: int, show: Callable[[int], None]) -> tuple[list[Curve], list[Curve]]:
-    """Every realisation, on every core.
-
-    Returns
-    -------
-    still, jump : list of Curve
-        With constant g, and with g that jumps.
-    """
-    task = STILL
-    work = [
-        delayed(fly)(source, settings, seed, task, SECONDS)
-        for source in SOURCES
-        for settings in (LITERAL, REFRESHED)
-        for seed in range(seeds)
-    ]
-    for still in (LITERAL, REFRESHED):
-        settings = replace(still, epsilon=0.05, forget_factor=FORGETTING)
-        work += [delayed(fly)("set 5", settings, seed, JUMP, 420.0) for seed in range(seeds)]
-    for time in (0.0, 300.0):
-        best_return(True, time)  # into the cache, once for all processes
-    best_return(False, 0.0)
-    done: list[Curve] = []
-    for curve in Parallel(n_jobs=-1, return_as="generator")(work):
-        done.append(curve)
-        show(len(done))
-    split = 2 * len(SOURCES) * seeds
-    return done[:split], done[split:]
+def _every_update(setting: Learning) -> Learning:
+    return replace(setting, looks=round(setting.seconds / _BETWEEN_UPDATES))
 
 
 def total(seeds: int) -> int:
     """Number of realisations."""
-    return 2 * (len(SOURCES) + 1) * seeds
+    return seeds * len(settings())
 
 
-def rows(still: list[Curve], jump: list[Curve]) -> list[Row]:
-    """Figures of issue and goals, refreshed ones with goals and literal ones beside."""
-    found = []
-    for source in SOURCES:
-        for algorithm in ("refreshed", "literal"):
-            chosen = [c for c in still if (c.source, c.algorithm) == (source, algorithm)]
-            found += _figures(chosen, DEADLINE[source], f"{source}, {algorithm}")
-    for algorithm in ("refreshed", "literal"):
-        chosen = [c for c in jump if c.algorithm == algorithm]
-        at = np.stack([c.ratio[np.searchsorted(c.time, 360.0)] for c in chosen])
-        name = f"g jumps, {algorithm}: cost after 60 s"
-        found.append(_goal(algorithm, at_most, name, interval(at)[2], 1.03))
+def measure(seeds: int, show: Callable[[int], None]) -> Mapping[tuple[str, str], Curves]:
+    """Every realisation, on every core; those of an earlier call are in the user's cache."""
+    store = Store(resources.cache_folder() / "realisations")
+    found = {}
+    cells = {key: Cell(str(key), learn, s, seeds) for key, s in settings().items()}
+    lacking = engine.missing(cells.values(), store)
+    already = total(seeds) - len(lacking)
+    engine.run(lacking, store.write, engine.local(-1), lambda done: show(already + round(done)))
+    data = engine.gather(cells.values(), store)
+    for key, cell in cells.items():
+        curves, setting = data[cell.label], cell.setting
+        times, task = curves["time"][0], setting.task
+        ends = {g: best(Learning(task=replace(task, g=g), seconds=0.0, looks=0), 0)["discounted"][0]
+                for g in {task.gravity(time) for time in times}}  # fmt: skip
+        yardstick = np.array([ends[task.gravity(time)] for time in times])
+        ratio = curves["discounted"] / yardstick
+        found[key] = Curves(times, ratio, curves["upright"], curves["whole"])
     return found
 
 
-def _figures(chosen: list[Curve], deadline: float, name: str) -> list[Row]:
-    time = chosen[0].time
-    first = int(np.searchsorted(time, deadline))
-    ratio, upright, whole = (
-        np.stack([getattr(curve, part) for curve in chosen])
-        for part in ("ratio", "upright", "whole")
-    )
-    algorithm = chosen[0].algorithm
-    later = max(interval(ratio[:, k])[2] for k in range(first, len(time)))
+def rows(found: Mapping[tuple[str, str], Curves]) -> list[Row]:
+    """The figures, refreshed ones with goals and literal ones beside."""
+    rows = []
+    for source in SOURCES:
+        for algorithm in ALGORITHMS:
+            rows += _figures(found[source, algorithm], source, algorithm)
+    for algorithm in ALGORITHMS:
+        chosen = found[JUMP, algorithm]
+        at = chosen.ratio[:, np.searchsorted(chosen.time, 360.0)]
+        name = f"g jumps, {algorithm}: cost after 60 s"
+        rows.append(_goal(algorithm, at_most, name, interval(at).high, 1.03))
+    return rows
+
+
+def _figures(chosen: Curves, source: str, algorithm: str) -> list[Row]:
+    deadline, name = DEADLINE[source], f"{source}, {algorithm}"
+    ratio, upright, whole = chosen.ratio, chosen.upright, chosen.whole
+    first = int(np.searchsorted(chosen.time, deadline))
+    later = max(interval(column).high for column in ratio[:, first:].T)
     mean, _, most = interval(ratio[:, first])
     up, least, _ = interval(upright[:, first])
     at = f"at {deadline:g} s"

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from iolspi_ros.bench.learner import STILL, best_return, samples
 from iolspi_ros.bench.machine import fastest
 from iolspi_ros.bench.rows import Row, at_most
 from iolspi_ros.core.dual import DualSystem
@@ -24,6 +23,8 @@ from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.evaluate import evaluate, policy_of
 from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.experiments.learning import HANGING, best_flight
+from iolspi_ros.experiments.samplesets import samples
 from sim_nodes.tasks import make_task
 from sim_nodes.tasks.base import Task
 from sim_nodes.tasks.slung_load import Outcome, outcome
@@ -204,7 +205,7 @@ def _exactness() -> list[Row]:
 def _trimming() -> list[Row]:
     """What trimming by convex hull (T 9-1-4) keeps, saves and costs, on demonstration set 5."""
     core = OnlineLSPI(LearnerSettings(periodic=(False,)), np.random.default_rng(0))
-    taught = samples("set 5", 0)
+    taught = samples("set 5", HANGING, 0)
     assert taught is not None
     core.inform(taught)
     seconds, costs = [], []
@@ -218,8 +219,8 @@ def _trimming() -> list[Row]:
             return found.weights
 
         seconds.append(fastest(learn, 3))
-        flown = evaluate(STILL, policy_of(learn(), basis))
-        costs.append(flown.discounted_return / best_return(False, 0.0))
+        flown = evaluate(HANGING, policy_of(learn(), basis))
+        costs.append(flown.discounted_return / best_flight(HANGING).discounted_return)
     kept = whole.trim(taught.state).size / whole.size
     name = "pendulum, set 5, trimmed by convex hull (T 9-1-4)"
     return [

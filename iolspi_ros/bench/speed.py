@@ -19,6 +19,7 @@ from iolspi_ros.core.lspi import offline_lspi
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.experiments.learning import LITERAL
 from sim_nodes.tasks import make_task
 from sim_nodes.world import World, WorldSettings
 
@@ -29,7 +30,6 @@ AGREEMENT = 1e-6
 """Relative difference of weights up to which two sides agree."""
 EPISODES = 400  # 600 s
 TASK = make_task("pendulum", {}, "bench")
-LITERAL = LearnerSettings(algorithm="literal", periodic=(False,))
 
 
 def rows(show: Callable[[int], None]) -> list[Row]:

@@ -37,7 +37,16 @@ def _options(
 
 def main() -> int:
     """Run the command; bad input is said in one line, with status 2."""
-    from iolspi_ros.cli import bench, demo, learn, record, run, sitl  # noqa: F401  they add themselves
+    from iolspi_ros.cli import (  # noqa: F401  they add themselves
+        bench,
+        demo,
+        fly,
+        learn,
+        record,
+        reproduce,
+        run,
+        sitl,
+    )
 
     try:
         app()

@@ -17,21 +17,22 @@ from iolspi_ros.errors import check_choice
 if TYPE_CHECKING:
     from iolspi_ros.bench.rows import Row
 
-SUBJECTS = ("learner", "speed", "scale")
+SUBJECTS = ("learner", "speed", "scale", "safety", "bridge")
 
 
 @app.command(epilog="Example: iolspi bench speed --json out/speed.json")
 def bench(
     subjects: Annotated[
-        Optional[list[str]], typer.Argument(help="learner, speed or scale; all by default.")
+        Optional[list[str]], typer.Argument(help=f"{', '.join(SUBJECTS)}; all by default.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Realisations, of `learner`.")] = 20,
+    seeds: Annotated[int, typer.Option(min=1, help="Of `learner` and `safety`.")] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
     plots: Annotated[Optional[Path], typer.Option(help="Folder for plots.")] = None,
 ) -> None:
     """Measure, and say which goals hold.
 
-    On two cores `learner` takes about 40 minutes with 20 seeds, `speed` 5 and `scale` 10.
+    On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
+    `scale` and `bridge` 10.
     """
     from iolspi_ros import resources
     from iolspi_ros.bench import machine
@@ -55,15 +56,25 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
         from iolspi_ros.bench import figures, learner
 
         with bar("learner [realisations]", learner.total(seeds)) as show:
-            still, jump = learner.curves(seeds, show)
+            learned = learner.measure(seeds, show)
         if plots:
-            figures.learning(still, jump, plots)
-        return learner.rows(still, jump)
+            figures.learning(learned, plots)
+        return learner.rows(learned)
+    if subject == "safety":
+        from iolspi_ros.bench import safety
+
+        with bar("safety [s of a core]", safety.total(seeds)) as show:
+            return safety.rows(safety.measure(seeds, lambda done: show(round(done))))
     if subject == "speed":
         from iolspi_ros.bench import speed
 
         with bar("speed [comparisons]", speed.COMPARISONS) as show:
             return speed.rows(show)
+    if subject == "bridge":
+        from iolspi_ros.bench import bridge
+
+        with bar("bridge [measurements]", bridge.MEASUREMENTS) as show:
+            return bridge.rows(show)
     from iolspi_ros.bench import figures, scale
 
     with bar("scale [runs]", scale.RUNS) as show:

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import os
-import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import bar, console
-from iolspi_ros.errors import InputError, check_range
-
-SHOWN = 21
-"""Episodes flown at the end without learning: one from each hanging start."""
+from iolspi_ros.cli.progress import console, yardstick
+from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.watch import Watch, fresh
+from iolspi_ros.errors import InputError
 
 
 @app.command(epilog="Example: iolspi demo --set 2 --seconds 60 --out out/set2")
@@ -25,7 +22,8 @@ def demo(
     demonstration: Annotated[
         int, typer.Option("--set", help="Shipped demonstration set, 1 to 5.")
     ] = 5,
-    seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
+    seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
+    episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the simulator and the learner.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for everything that is left.")] = Path(
         "out/demo"
@@ -38,21 +36,20 @@ def demo(
     """
     from iolspi_ros import graph, resources
     from iolspi_ros.bags import BagWriter
+    from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
-    check_range("--seconds", seconds, 1.5, 1e5)
     config = resources.find("config", f"{_known(task)}.yaml")
-    if not 1 <= demonstration <= 5:
-        raise InputError(f"--set is {demonstration}; allowed: 1 to 5")
+    mode_and_corruption(demonstration)
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
-    episodes = max(1, round(seconds / (vehicle.dt * vehicle.episode_steps)))
-    out = _fresh(out)
+    count = episodes_to_fly(vehicle, seconds, episodes, 1)
+    out = fresh(out, "simulator.log")
     domain = graph.isolate()
     console.print(
         f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
-        f"{episodes} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
+        f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
     )
     start = time.monotonic()
     with (
@@ -61,12 +58,12 @@ def demo(
         graph.Graph(out) as nodes,
     ):
         keep = str(out.resolve() / "checkpoint.npz")
-        nodes.start("simulator", {"seed": seed, "episodes": episodes}, config)
+        nodes.start("simulator", {"seed": seed, "episodes": count}, config)
         nodes.start("learner", {"seed": seed, "checkpoint": keep}, config)
         replay = {"bags": [str(bag)], "source": "bag", "listeners": 2, "learner_timeout": 60.0}
         nodes.start("demonstrator", replay, config)
         try:
-            history, extra = _watch(nodes, monitor, episodes, bag)
+            history, extra = _watch(nodes, monitor, vehicle, count, bag)
         except (InputError, KeyboardInterrupt):
             console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
             raise
@@ -80,54 +77,35 @@ def _known(task: str) -> str:
     return task
 
 
-def _fresh(out: Path) -> Path:
-    """An empty folder; what an earlier demo left there goes."""
-    from iolspi_ros import resources
-
-    if out.is_dir() and any(out.iterdir()) and not (out / "simulator.log").is_file():
-        raise InputError(f"--out {out} holds other files; allowed: a new folder, or a demo's")
-    shutil.rmtree(out, ignore_errors=True)
-    resources.make_folder(out)
-    return out
-
-
-def _watch(nodes: Any, monitor: Any, episodes: int, bag: Path) -> tuple[Any, dict[str, Any]]:
+def _watch(
+    nodes: Any, monitor: Any, vehicle: Any, episodes: int, bag: Path
+) -> tuple[Any, dict[str, Any]]:
     """Follow the graph through its four parts."""
     from rclpy.utilities import get_rmw_implementation_identifier
 
     from iolspi_ros.bags import read_card
 
-    def follow(what: str, total: int, done: Callable[[], int], seconds: float) -> None:
-        with bar(what, total) as show:
-
-            def ready() -> bool:
-                nodes.check()
-                show(done())
-                return done() >= total
-
-            monitor.wait(ready, seconds, what)
-
-    def connected() -> bool:
-        nodes.check()
-        return bool(monitor.connected())
-
-    monitor.wait(connected, 60.0, "the start of simulator and learner")
+    watch = Watch(nodes, monitor)
+    watch.wait(monitor.connected, 60.0, "the start of simulator and learner")
     monitor.listen_to_samples()
+    shown = len(vehicle.initial_states())  # one from each start, without learning
     samples = int(read_card(bag).get("samples", 1))
-    follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
-    follow("learning offline", 1, lambda: monitor.updates, 120.0)
+    watch.follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
+    watch.follow("learning offline", 1, lambda: monitor.updates, 120.0)
     begin = time.monotonic()
     online = 60.0 + episodes
-    follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
-    pace = sum(map(len, monitor.episodes)) / (time.monotonic() - begin)
+    watch.follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
+    took = time.monotonic() - begin
+    steps = sum(len(episode.states) for episode in monitor.episodes)
     monitor.switch("/learner/learn", on=False)
     monitor.trigger("/learner/save")
-    monitor.set_parameters("simulator", order="sweep", episodes=SHOWN)
+    monitor.set_parameters("simulator", order="sweep", episodes=shown)
     monitor.trigger("/simulator/reset")
-    follow("showing [episodes]", SHOWN, lambda: len(monitor.scores) - episodes, 60.0)
-    monitor.wait_for_ends(episodes + SHOWN, 7.0)
+    watch.follow("showing [episodes]", shown, lambda: len(monitor.scores) - episodes, 60.0)
+    monitor.wait_for_ends(episodes + shown, 7.0)
     return monitor.history(episodes), {
-        "lockstep_steps_per_second": round(pace, 1),
+        "lockstep_seconds": round(took, 2),
+        "lockstep_steps_per_second": round(steps / took, 1),
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
         "observations_missed_by_recorder": monitor.missed,
         "rmw": get_rmw_implementation_identifier(),
@@ -144,25 +122,17 @@ def _report(
     demonstration: int,
 ) -> None:
     """Compute what needs no graph, and write the pages."""
-    import numpy as np
-
-    from iolspi_ros import resources
-    from iolspi_ros.bags import read_demonstration
+    from iolspi_ros.experiments.evaluate import succeeded
     from iolspi_ros.experiments.headless import literal_beside, prepare
     from iolspi_ros.report import run as report
 
     features = prepare(vehicle.name, config, 0)[1].features
-    whole = [
-        (np.array(states), rewards[1:])
-        for states, rewards in zip(history.shown, history.shown_rewards, strict=True)
-        if len(states) == vehicle.episode_steps + 1
-    ]
-    if not whole:
+    shown = report.whole(history.shown)
+    if not shown:
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
-    states, rewards = (np.stack(episodes, axis=1) for episodes in zip(*whole, strict=True))
     extra |= {
         "demonstration_set": demonstration,
-        "shown_upright_fraction": float(vehicle.succeeded(states, rewards).mean()),
+        "shown_success_fraction": float(succeeded(vehicle, shown).mean()),
         "wall_seconds": round(time.monotonic() - start, 1),
     }
     lead = (
@@ -170,19 +140,20 @@ def _report(
         "from it, and online LSPI went on from there. The set was flown by a scripted pilot, "
         "not by a person."
     )
-    title = f"Learning the {vehicle.name} from demonstrations"
-    with console.status("computing the near-optimal policy and the literal algorithm, drawing …"):
-        bag = resources.find("demos", vehicle.name, f"set_{demonstration}")
-        taught = read_demonstration(bag, vehicle.name, vehicle.joints)
+    title = f"Learning the {vehicle.name.replace('_', ' ')} from demonstrations"
+    best = yardstick(vehicle)
+    with console.status("flying the literal algorithm beside, drawing …"):
         beside = literal_beside(
-            vehicle.name, config, extra["seed"], taught.transitions(len(vehicle.low)),
-            len(history.scores),
-        )  # fmt: skip
-        summary = report.finish(out, title, lead, vehicle, features, history, extra, beside)
+            vehicle.name, config, extra["seed"], history.taught, len(history.scores)
+        )
+        summary = report.finish(out, title, lead, vehicle, features, history, best, extra, beside)
     console.print(
-        f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy costs "
-        f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] times the near-optimal one;\n"
-        f"{summary['shown_upright_fraction']:.0%} of the {len(history.shown)} episodes shown on "
-        f"the graph ended upright. That took {summary['wall_seconds']:.0f} s.\n"
+        f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
+        f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] "
+        f"{report.near_optimal_words(summary)};\n"
+        f"{summary['shown_success_fraction']:.0%} of the {len(shown)} episodes shown on the graph "
+        f"{vehicle.success}; after the demonstrations alone it was "
+        f"{summary['success_fraction_offline']:.0%} of the starts. "
+        f"That took {summary['wall_seconds']:.0f} s.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )

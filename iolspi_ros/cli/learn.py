@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import bar, console
-from iolspi_ros.errors import InputError, check_range
+from iolspi_ros.cli.progress import bar, console, yardstick
+from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.errors import InputError
 
 if TYPE_CHECKING:
     from iolspi_ros.core.online import OnlineLSPI
@@ -29,7 +30,8 @@ def learn(
         Optional[list[Path]],
         typer.Option(help="Bag to learn from first; give it again for more bags."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Vehicle time to learn online.")] = 120.0,
+    seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
+    episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the vehicle and the learner.")] = 0,
     config: Annotated[
         Optional[Path], typer.Option(help="Parameter file; config/TASK.yaml by default.")
@@ -47,25 +49,20 @@ def learn(
     from sim_nodes.tasks import task_class
 
     task_class(task)
-    check_range("--seconds", seconds, 0.0, 1e6)
     start = time.monotonic()
     file = config or resources.find("config", f"{task}.yaml")
     world, learner = prepare(task, file, seed)
-    vehicle, settings = world.task, learner.settings
-    episodes = round(seconds / (vehicle.dt * vehicle.episode_steps))
-    least = vehicle.dt * math.ceil(settings.update_interval / vehicle.episode_steps)
-    least *= vehicle.episode_steps
-    if not demos and episodes * vehicle.episode_steps < settings.update_interval:
-        raise InputError(
-            f"--seconds {seconds:g} is less than one update and there are no --demos: nothing "
-            f"would be learned; allowed: at least {least:g}"
-        )
+    vehicle = world.task
+    count = episodes_to_fly(vehicle, seconds, episodes, 0)
+    if not demos:
+        _check_enough(count, learner, vehicle)
     resources.make_folder(out)
-    history = History(vehicle.dt)
-    transitions = _inform(learner, history, vehicle, demos) if demos else None
+    history = History(vehicle.dt, _taught(vehicle, demos or []))
+    if demos:
+        _inform(learner, history)
     try:
-        with bar("learning online [episodes]", episodes) as show:
-            train(world, learner, episodes, remember(history, learner, show))
+        with bar("learning online [episodes]", count) as show:
+            train(world, learner, count, remember(history, learner, show))
     except KeyboardInterrupt:
         console.print("interrupted; what was learned so far is kept")
     checkpoint.save(out / "checkpoint.npz", learner, task)
@@ -73,42 +70,54 @@ def learn(
         raise KeyboardInterrupt  # before the first update: there is nothing to report
     extra = {"wall_seconds": round(time.monotonic() - start, 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
-    with console.status("computing the near-optimal policy and the literal algorithm, drawing …"):
-        beside = None
-        if not learner.literal:
-            beside = literal_beside(task, file, seed, transitions, len(history.scores))
+    best = yardstick(vehicle)
+    with console.status("flying the literal algorithm beside, drawing …"):
+        beside = literal_beside(task, file, seed, history.taught, len(history.scores))
         summary = report.finish(
-            out, f"Learning the {task}", lead, vehicle, learner.features, history, extra, beside
-        )
+            out, f"Learning the {task.replace('_', ' ')}", lead, vehicle, learner.features, history,
+            best, extra, beside,
+        )  # fmt: skip
     console.print(
-        f"Cost {summary['ratio_to_near_optimal']:.3f} times the near-optimal one, "
-        f"{summary['upright_fraction']:.0%} of the starts end upright. "
+        f"{summary['ratio_to_near_optimal']:.3f} {report.near_optimal_words(summary)}, "
+        f"{summary['success_fraction']:.0%} of the starts {vehicle.success}. "
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )
 
 
-def _inform(learner: OnlineLSPI, history: History, vehicle: Task, demos: list[Path]) -> Transitions:
-    """Offline LSPI on every bag together."""
+def _check_enough(count: int, learner: OnlineLSPI, vehicle: Task) -> None:
+    least = math.ceil(learner.settings.update_interval / vehicle.episode_steps)
+    if count < least:
+        raise InputError(
+            f"{count} episodes are less than one update and there are no --demos: nothing would "
+            f"be learned; allowed: at least {least}"
+        )
+
+
+def _taught(vehicle: Task, demos: list[Path]) -> Transitions:
+    """What all bags hold together."""
     from iolspi_ros.bags import numbered_through, read_demonstration
     from iolspi_ros.core.samples import Transitions
-    from iolspi_ros.experiments.history import Policy
 
     found = [read_demonstration(path, vehicle.name, vehicle.joints) for path in demos]
     for demonstration in found:
         for note in demonstration.notes:
             console.print(f"{demonstration.path}: {note}; the rest is used")
     samples = numbered_through(found)
-    transitions = Transitions.of([s.transition for s in samples], len(vehicle.low))
+    return Transitions.of([s.transition for s in samples], len(vehicle.low))
+
+
+def _inform(learner: OnlineLSPI, history: History) -> None:
+    """Learn from what was demonstrated."""
+    from iolspi_ros.experiments.history import Policy
+
     with bar("learning offline", learner.settings.max_iterations) as show:
 
         def proceed(iteration: int, change: float) -> bool:
             show(iteration)
             return True
 
-        result = learner.inform(transitions, proceed)
+        result = learner.inform(history.taught, proceed)
         show(learner.settings.max_iterations)
     console.print(result.describe())
-    history.demonstrated = list(transitions.state)
     history.offline = result.describe()
     history.policies.append(Policy.of(result, 0.0, learner.weights))
-    return transitions

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -15,6 +16,10 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+if TYPE_CHECKING:
+    from iolspi_ros.core.reference import NearOptimal
+    from sim_nodes.tasks.base import Task
 
 console = Console(highlight=False, soft_wrap=True)
 
@@ -42,6 +47,16 @@ def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(what, total=total)
         yield lambda done: progress.update(task, completed=min(done, total))
+
+
+def yardstick(task: Task) -> NearOptimal:
+    """The near-optimal policy; the first time it takes a while, so that shows."""
+    from iolspi_ros.experiments.evaluate import near_optimal_policy
+
+    with bar("near-optimal policy [%]", 100) as show:
+        policy = near_optimal_policy(task, progress=lambda share: show(int(100 * share)))
+        show(100)
+    return policy
 
 
 def _lines(what: str, total: int) -> Callable[[int], None]:

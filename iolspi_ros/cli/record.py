@@ -12,10 +12,6 @@ import typer
 from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import bar, console
 
-SETS = {1: ("perform", 0.0), 2: ("explore", 0.0), 3: ("perform", 0.5), 4: ("perform", 0.33),
-        5: ("explore", 0.33)}  # fmt: skip
-"""T Table 1: mode and corruption of each demonstration set."""
-
 
 @app.command(epilog="Example: iolspi record --mode explore --corruption 0.33 --out my_set")
 def record(
@@ -25,21 +21,20 @@ def record(
     corruption: Annotated[float, typer.Option(help="Probability of a random action.")] = 0.0,
     demonstration: Annotated[
         Optional[int],
-        typer.Option("--set", help="Mode and corruption of the shipped set 1 to 5 instead."),
+        typer.Option("--set", help="Mode and corruption of that shipped set instead."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the pilot and the simulator.")] = 0,
 ) -> None:
-    """Record 21 episodes, one from each start, flown by the scripted pilot on a ROS 2 graph."""
+    """Let the scripted pilot fly one episode from each start on a ROS 2 graph, and record it."""
     from iolspi_ros import bags, graph, resources
     from iolspi_ros.errors import InputError
+    from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import task_class
 
     vehicle = task_class(task)()
     if demonstration is not None:
-        if demonstration not in SETS:
-            raise InputError(f"--set is {demonstration}; allowed: 1 to 5")
-        mode, corruption = SETS[demonstration]
+        mode, corruption = mode_and_corruption(demonstration)
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
     config = resources.find("config", f"{task}.yaml")
@@ -47,7 +42,7 @@ def record(
     logs = Path(tempfile.mkdtemp(prefix="iolspi-record-"))
     wanted = {
         "seed": seed, "source": "scripted", "mode": mode, "corruption": corruption,
-        "record": str(out.resolve()),
+        "record": str(out.resolve()), "episodes": len(vehicle.initial_states()),
     }  # fmt: skip
     try:
         with watching(vehicle) as monitor, graph.Graph(logs) as nodes:
@@ -66,12 +61,13 @@ def _wait(nodes: Any, monitor: Any, vehicle: Any, out: Path) -> None:
     from iolspi_ros.bags import CARD
 
     monitor.listen_to_samples()
-    total = len(vehicle.initial_states()) * vehicle.episode_steps
-    with bar("recording [samples]", total) as show:
+    total = len(vehicle.initial_states())
+    with bar("recording [episodes]", total) as show:
 
         def ready() -> bool:
             nodes.check()
-            show(len(monitor.demonstrated))
+            show(sum(episode.whole for episode in monitor.episodes))
             return (out / CARD).is_file()
 
-        monitor.wait(ready, 60.0 + total / 100, "the demonstration")
+        patience = 60.0 + total * vehicle.episode_steps / 100
+        monitor.wait(ready, patience, "the demonstration")

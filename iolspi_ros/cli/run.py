@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -14,17 +14,23 @@ from iolspi_ros.nodes.start import NODES, start
 
 @app.command(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-    epilog="Example: iolspi run simulator --ros-args --params-file config/pendulum.yaml",
+    epilog="Example: iolspi run simulator --task pendulum --ros-args -p mode:=realtime",
 )
 def run(
     context: typer.Context,
     node: Annotated[str, typer.Argument(help=f"One of: {', '.join(NODES)}.")],
+    task: Annotated[
+        Optional[str], typer.Option(help="Take parameters from this task's file in config/.")
+    ] = None,
 ) -> None:
     """Start one node; what follows goes to it.
 
     Parameters come behind `--ros-args`; config/pendulum.yaml lists them, docs/interfaces.md says
     what the nodes say to each other.
     """
+    from iolspi_ros import resources
+    from sim_nodes.tasks import task_class
+
     if node not in NODES:
         raise InputError(f"node is {node!r}; allowed: {', '.join(NODES)}")
     if context.args and "--ros-args" not in context.args:
@@ -32,5 +38,9 @@ def run(
             f"{' '.join(context.args)} would do nothing; allowed: --ros-args, then -p "
             "NAME:=VALUE or --params-file FILE (config/pendulum.yaml lists the parameters)"
         )
-    sys.argv = [node, *context.args]
+    first: list[str] = []
+    if task is not None:
+        task_class(task)  # says which there are
+        first = ["--ros-args", "--params-file", str(resources.find("config", f"{task}.yaml"))]
+    sys.argv = [node, *first, *context.args]
     raise SystemExit(start(node))

@@ -48,8 +48,10 @@ def sitl(
     It refuses, waits and fails as the autopilot it imitates; docs/embedded_autopilot.md says how
     far. Nothing is sent anywhere but to the addresses given.
     """
+    from iolspi_ros.nodes.start import follow_parent
     from sim_nodes.autopilot.server import Sitl, read_key
 
+    follow_parent()
     values: dict[str, float] = {
         "SIM_SPEEDUP": speed_up, "SIM_WIND_SPD": wind, "SIM_WIND_TURB": gusts, "SIM_NOISE": noise,
         "SIM_DELAY": delay, "SIM_LOSS": loss,

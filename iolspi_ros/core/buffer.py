@@ -87,8 +87,8 @@ class Buffer:
         -------
         Buffer
         """
-        first = step if demonstrated else step - len(batch) + 1
-        born = np.full(len(batch), step) if demonstrated else np.arange(first, step + 1)
+        newer = np.zeros(len(batch), np.int64) if demonstrated else np.arange(len(batch))[::-1]
+        born = step - newer  # demonstrations are as old as what is learned from them
         grown = replace(
             self,
             transitions=Transitions(

@@ -18,14 +18,16 @@ from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.errors import InputError
 
-FORMAT = 2
+FORMAT = 3
 _MOMENTS = tuple(field.name for field in fields(Moments))
 _ROWS = tuple(field.name for field in fields(Transitions))
+_SHIELD = ("gram", "cross", "seen", "ended")
 _ARRAYS = (
     "weights", "starts", "born", "demonstrated", *(f"moments_{name}" for name in _MOMENTS),
+    *(f"shield_{name}" for name in _SHIELD),
     *(f"{part}_{name}" for part in ("batch", "buffer") for name in _ROWS),
 )  # fmt: skip
-_NUMBERS = ("step", "n_samples", "updates", "dropped", "rng")
+_NUMBERS = ("step", "n_samples", "updates", "dropped", "vetoes", "rng")
 _SHAPING = (
     "algorithm", "n_actions", "basis", "low", "high", "centers", "periodic", "normalisation",
     "width",
@@ -64,6 +66,7 @@ def save(path: Path, learner: OnlineLSPI, task: str) -> None:
         "demonstrated": buffer.demonstrated,
     }
     arrays |= {f"moments_{name}": getattr(state["moments"], name) for name in _MOMENTS}
+    arrays |= {f"shield_{name}": getattr(state["shield"], name) for name in _SHIELD}
     for part, rows in (("batch", state["batch"]), ("buffer", buffer.transitions)):
         arrays |= {f"{part}_{name}": getattr(rows, name) for name in _ROWS}
     about = {
@@ -124,10 +127,11 @@ def load(path: Path, learner: OnlineLSPI, task: str) -> None:
         born=arrays["born"],
         demonstrated=arrays["demonstrated"],
     )
+    shield = replace(learner.shield, **{name: arrays[f"shield_{name}"] for name in _SHIELD})
     learner.restore(
         {name: arrays[name] for name in ("weights", "starts")}
         | {name: about[name] for name in _NUMBERS}
-        | {"moments": Moments(**moments), "buffer": buffer, "batch": batch}
+        | {"moments": Moments(**moments), "buffer": buffer, "shield": shield, "batch": batch}
     )
 
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve as solve_positive
 
 from iolspi_ros.core.features import Basis
-from iolspi_ros.core.lspi import Actions, Solve, solve_system
+from iolspi_ros.core.lspi import Actions
 from iolspi_ros.core.samples import Transitions
+from iolspi_ros.core.solve import Solve, solve_system
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class DualSystem:
 
     Parameters
     ----------
-    transitions, n_actions, gamma, weight, delta
+    transitions, n_actions, gamma, weight, delta, among
         As of `lspi.BlockSystem`; δ must be positive when it is solved.
     basis : Basis
         A product of functions of one variable, none of them trimmed.
@@ -45,7 +46,9 @@ class DualSystem:
         gamma: float,
         weight: Array,
         delta: float,
+        among: NDArray[np.bool_] | None = None,
     ) -> None:
+        self.among = among
         self.basis, self.n_actions, self.gamma, self.delta = basis, n_actions, gamma, delta
         self.transitions, self.weight = transitions, np.maximum(weight, 1e-12)
         self.action = transitions.action
@@ -68,7 +71,10 @@ class DualSystem:
 
     def policy(self, weights: Array) -> Actions:
         """Greedy actions in the next states, shape (n_samples,)."""
-        return self.values(weights).argmax(axis=1)
+        q = self.values(weights)
+        if self.among is not None:
+            q = np.where(self.among, q, -np.inf)
+        return q.argmax(axis=1)
 
     def values(self, weights: Array) -> Array:
         """Q̂ in the next states, zero where nothing follows, shape (n_samples, n_actions)."""

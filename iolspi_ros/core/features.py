@@ -6,8 +6,9 @@ in every other block (T IV-A), so they are never built: whoever needs them works
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from iolspi_ros.errors import InputError, check_choice, check_range
 Array = NDArray[np.float64]
 
 BASES = ("rbf", "chebyshev")
-NORMALISATIONS = ("asymmetric", "symmetric")
+NORMALISATIONS = ("asymmetric", "symmetric", "none")
 
 
 class Table(NamedTuple):
@@ -41,7 +42,7 @@ class Table(NamedTuple):
     periods : ndarray of shape (n_dims,)
         After which a variable repeats; 0 for never.
     kept : ndarray of int, shape (n_kept, n_dims)
-        Index per variable of each function that was kept; no rows when all are.
+        Index per variable of each function that was kept, -1 for a factor 1; no rows when all are.
     """
 
     polynomial: bool
@@ -93,7 +94,7 @@ class Basis(ABC):
     @property
     def size(self) -> int:
         """Number of functions."""
-        return len(self.table.kept) or int(np.prod(self.centers))
+        return len(self.table.kept) or math.prod(self.centers)
 
     @property
     @abstractmethod
@@ -193,13 +194,17 @@ class RBFGrid(Basis):
         "symmetric" maps every dimension to [-1, 1] (T Eq. 9-2) with one round width, that of
         the first dimension with more than one centre. "asymmetric" also scales each dimension
         by its number of centres (T Eqs. 9-4 to 9-9), which makes the functions ellipsoidal.
+        "none" leaves the state as it is (T Eq. 8-2).
     width : float
-        Width σ of a function in spacings of that first dimension's centres; T uses 1.
+        Width σ of a function in spacings of that first dimension's centres, or unnormalised in
+        the units of the state; T uses 1.
     periodic : tuple of bool
         Dimensions in which `high` is `low` again, one for all or each. There the functions
         wrap around and no centre stands at `high`. T has none.
+    constant : bool
+        A function before the others that is 1 everywhere (T Eq. 8-2).
     kept : tuple of int
-        Numbers of the functions that were not trimmed away; empty for all.
+        Numbers of the Gaussians that were not trimmed away; empty for all.
 
     Raises
     ------
@@ -208,12 +213,13 @@ class RBFGrid(Basis):
 
     References
     ----------
-    T (Schonebaum 2016), sections 9-1-1 to 9-1-4.
+    T (Schonebaum 2016), sections 9-1-1 to 9-1-4 and 8-1.
     """
 
     normalisation: str = "asymmetric"
     width: float = 1.0
     periodic: tuple[bool, ...] = (False,)
+    constant: bool = False
     kept: tuple[int, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
@@ -235,7 +241,7 @@ class RBFGrid(Basis):
         reference = steps[varying[0]] if len(varying) else 1
         # Normalised, the spacing of the reference dimension is σ = 2 / (c_ref - 1); the scale
         # of T Eq. 9-9 then makes (c_d - 1) / (H - L) of the distance in dimension d.
-        spacings = steps if self.normalisation == "asymmetric" else np.full(self.n_dims, reference)
+        spacings = {"asymmetric": steps, "symmetric": reference, "none": ranges}[self.normalisation]
         gains = np.where(np.array(self.centers) > 1, spacings / ranges / self.width, 0.0)
         centers = [
             np.linspace(low, high, count, endpoint=not wrap)
@@ -248,7 +254,10 @@ class RBFGrid(Basis):
         """The numbers that evaluate it."""
         centers, gains, periods = self._axes
         counts = np.array(self.centers)
-        kept = np.stack(np.unravel_index(np.array(self.kept, np.int64), counts), axis=1)
+        numbers = np.arange(math.prod(self.centers)) if self.constant else ()
+        kept = np.stack(np.unravel_index(np.array(self.kept or numbers, np.int64), counts), axis=1)
+        if self.constant:
+            kept = np.insert(kept, 0, -1, axis=0)
         places = np.concatenate(centers)
         return Table(False, counts, places, gains, periods, np.ascontiguousarray(kept))
 
@@ -295,10 +304,7 @@ class RBFGrid(Basis):
                 "allowed: states that spread over at least one centre, or a finer grid"
             )
         numbers = np.array(self.kept)[inside] if self.kept else np.flatnonzero(inside)
-        return RBFGrid(
-            self.low, self.high, self.centers, self.normalisation, self.width, self.periodic,
-            tuple(numbers.tolist()),
-        )  # fmt: skip
+        return replace(self, kept=tuple(numbers.tolist()))
 
 
 @dataclass(frozen=True)
@@ -350,7 +356,8 @@ def evaluate(table: Table, state: Array, factors: Array, phi: Array) -> None:
         for k in range(len(table.kept)):
             product, first = 1.0, 0
             for d in range(len(table.counts)):
-                product *= factors[first + table.kept[k, d]]
+                if table.kept[k, d] >= 0:
+                    product *= factors[first + table.kept[k, d]]
                 first += table.counts[d]
             phi[k] = product
         return

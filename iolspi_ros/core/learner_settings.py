@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iolspi_ros.core.buffer import Buffer, Cells
 from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
 from iolspi_ros.core.moments import SCALINGS
+from iolspi_ros.core.shield import Shield
+from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 
 ALGORITHMS = ("refreshed", "literal")
@@ -40,11 +43,12 @@ class LearnerSettings(Settings):
         (True, False), "dimensions in which high is low again, one for all or each; T: false"
     )
     normalisation: str = setting(
-        "asymmetric", "scaling of the dimensions, T 9-1-2 or 9-1-3", choices=NORMALISATIONS
+        "asymmetric", "scaling of the dimensions, T 9-1-2, 9-1-3 or 8-1", choices=NORMALISATIONS
     )
     width: float = setting(
         1.0, "width of a function in spacings of the centres", low=0.0, low_open=True
     )
+    constant: bool = setting(False, "rbf: a function that is 1 everywhere besides (T Eq. 8-2)")
     gamma: float = setting(0.98, "discount factor", low=0.0, high=1.0, high_open=True)
     sampling_time: float = setting(0.005, "T_s [s]", low=0.0, low_open=True)
     epsilon: float = setting(0.2, "exploration rate, or where it starts", low=0.0, high=1.0)
@@ -76,17 +80,56 @@ class LearnerSettings(Settings):
         0.0, "refreshed: an update starts no policy after so long [s]; 0.0 for no limit", low=0.0
     )
 
+    shield: bool = setting(False, "veto actions that are predicted to lead out of the envelope")
+    envelope_low: tuple[float, ...] = setting(
+        (-np.inf,), "shield: lower limits of the state, one for all or each"
+    )
+    envelope_high: tuple[float, ...] = setting(
+        (np.inf,), "shield: upper limits of the state, one for all or each"
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self.features()  # the grid checks itself
+        low, high = self._envelope()
+        if not (low < high).all():
+            raise InputError(
+                f"envelope_low is {self.envelope_low}, envelope_high {self.envelope_high}; "
+                "allowed: each low < high"
+            )
+        if self.shield and not (np.isfinite(low) | np.isfinite(high)).any():
+            raise InputError(
+                "shield is on without a limit; allowed: a finite number in envelope_low or "
+                "envelope_high"
+            )
 
     def features(self) -> Basis:
         """The basis functions of a state."""
         if self.basis == "chebyshev":
             return ChebyshevGrid(self.low, self.high, self.centers)
         return RBFGrid(
-            self.low, self.high, self.centers, self.normalisation, self.width, self.periodic
-        )
+            self.low, self.high, self.centers, self.normalisation, self.width, self.periodic,
+            self.constant,
+        )  # fmt: skip
+
+    def guarded(self) -> Shield:
+        """A shield that has seen nothing; one without limits when it is off."""
+        low, high = self._envelope() if self.shield else (np.array([-np.inf]), np.array([np.inf]))
+        edges = np.array([self.low, self.high])
+        period = self.features().table.periods
+        shape = (len(self.low),)
+        return Shield.empty(
+            np.broadcast_to(low, shape).copy(), np.broadcast_to(high, shape).copy(),
+            edges.mean(axis=0), (edges[1] - edges[0]) / 2, period, self.n_actions,
+        )  # fmt: skip
+
+    def _envelope(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        for name in ("envelope_low", "envelope_high"):
+            count = len(getattr(self, name))
+            if count not in (1, len(self.low)):
+                raise InputError(f"{name} has {count} entries; allowed: 1 or {len(self.low)}")
+        low, high = np.broadcast_arrays(np.array(self.envelope_low), np.array(self.envelope_high))
+        return low, high
 
     def buffer(self) -> Buffer:
         """An empty buffer."""

@@ -1,28 +1,20 @@
-"""LSTD-Q and offline least-squares policy iteration (T Algorithm 1)."""
+"""Least-squares policy iteration on one set of samples (T Algorithm 1)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from iolspi_ros.core.moments import Moments, add_cross, add_gram
 from iolspi_ros.core.samples import Transitions
+from iolspi_ros.core.solve import Solve, solve
 
 Array = NDArray[np.float64]
 Actions = NDArray[np.int64]
-
-STATUSES = ("ok", "singular", "ill-conditioned", "inaccurate", "non-finite", "diverging")
-"""What a solve can be; all but the first are unhealthy."""
-CONDITION_LIMIT = 1e12
-"""Condition number above which too few digits are left to believe a solve."""
-RESIDUAL_LIMIT = 1e-6
-"""Relative residual above which a solve is not believed."""
 
 
 class Features(Protocol):
@@ -38,117 +30,12 @@ class Features(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Solve:
-    """Weights of one LSTD-Q solve, and how far to believe them.
-
-    Attributes
-    ----------
-    weights : ndarray of shape (n_actions, size)
-    condition : float
-        Estimated condition number of (Γ - γΛ)/n_s in the 1-norm; inf when singular.
-    rank : int
-        Numerical rank, at most n_actions * size.
-    residual : float
-        ‖Mw - b‖ / ‖b‖ (or ‖Mw‖ when b is zero).
-    status : str
-        One of `STATUSES`. "singular" weights are the least-squares solution of least norm.
-        "diverging" is found by whoever knows the rewards: see `judge.plausible`.
-    """
-
-    weights: Array
-    condition: float
-    rank: int
-    residual: float
-    status: str
-
-    @property
-    def healthy(self) -> bool:
-        """Whether the weights may replace those in use."""
-        return self.status == "ok"
-
-
-def system_matrix(moments: Moments, gamma: float, scaling: str = "samples") -> tuple[Array, Array]:
-    """(Γ - γΛ) and z over the scale (T Eqs. 9, 13), shapes (order, order) and (order,)."""
-    order = moments.n_actions * moments.size
-    scale = moments.scale(scaling)
-    matrix = (-gamma / scale) * moments.cross
-    for a in range(moments.n_actions):
-        matrix[a, :, a, :] += moments.gram[a] / scale
-    return matrix.reshape(order, order), moments.reward.ravel() / scale
-
-
-def solve(moments: Moments, gamma: float, scaling: str = "samples") -> Solve:
-    """Weights w of the policy whose actions are in Λ: Γw = z + γΛw (T Eqs. 9, 13).
-
-    Parameters
-    ----------
-    moments : Moments
-    gamma : float in [0, 1)
-        Discount factor.
-    scaling : {"samples", "weights"}
-        Divisor of both sides (T Eqs. 9-14, 9-15).
-
-    Returns
-    -------
-    Solve
-    """
-    found = solve_system(*system_matrix(moments, gamma, scaling))
-    return replace(found, weights=found.weights.reshape(moments.n_actions, moments.size))
-
-
-@njit(cache=True)
-def _norm(matrix: Array) -> float:
-    """Largest sum of a row's magnitudes: the 1-norm of the transpose."""
-    most = 0.0
-    for row in matrix:
-        total = 0.0
-        for value in row:
-            total += abs(value)
-        if not total <= most:  # keeps a NaN
-            most = total
-    return most
-
-
-def solve_system(matrix: Array, target: Array) -> Solve:
-    """Solve Mw = b and say how far to believe it.
-
-    Parameters
-    ----------
-    matrix : ndarray of shape (order, order)
-    target : ndarray of shape (order,)
-
-    Returns
-    -------
-    Solve
-        Whose weights have shape (order,).
-    """
-    order = len(target)
-    norm = _norm(matrix)
-    if not (np.isfinite(norm) and np.isfinite(target).all()):
-        return Solve(np.full(order, np.nan), np.inf, 0, np.inf, "non-finite")
-    factors, pivots, failed = lapack.dgetrf(matrix.T, overwrite_a=False)
-    reciprocal = float(lapack.dgecon(factors, norm, norm="1")[0]) if failed == 0 else 0.0
-    rank, status = order, "ok"
-    if reciprocal > order * np.finfo(float).eps:
-        weights = lapack.dgetrs(factors, pivots, target, trans=1)[0]
-    else:
-        weights, _, found, _ = np.linalg.lstsq(matrix, target, rcond=None)
-        rank = int(found)
-        status = "singular"
-    residual = float(np.linalg.norm(matrix @ weights - target))
-    residual /= float(np.linalg.norm(target)) or 1.0
-    if not np.isfinite(weights).all():
-        status = "non-finite"
-    elif status == "ok" and reciprocal * CONDITION_LIMIT < 1.0:
-        status = "ill-conditioned"
-    elif status == "ok" and not residual <= RESIDUAL_LIMIT:
-        status = "inaccurate"
-    condition = 1.0 / reciprocal if reciprocal > 0.0 else np.inf
-    return Solve(weights, condition, rank, residual, status)
-
-
-def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -> Actions:
+def greedy(
+    weights: Array,
+    phi: Array,
+    rng: np.random.Generator | None = None,
+    among: NDArray[np.bool_] | None = None,
+) -> Actions:
     """Action with the largest Q̂(s, a) = φᵀ(s) w_a (T Eqs. 6, 7).
 
     Parameters
@@ -157,12 +44,16 @@ def greedy(weights: Array, phi: Array, rng: np.random.Generator | None = None) -
     phi : ndarray of shape (n_samples, size)
     rng : numpy.random.Generator, optional
         Breaks exact ties at random; without it the first action wins.
+    among : ndarray of bool, shape (n_samples, n_actions), optional
+        Actions to choose from; all by default.
 
     Returns
     -------
     ndarray of int, shape (n_samples,)
     """
     q = phi @ weights.T
+    if among is not None:
+        q = np.where(among, q, -np.inf)
     chosen = q.argmax(axis=1)
     if rng is not None:
         best = q == q[np.arange(len(q)), chosen][:, None]
@@ -201,6 +92,8 @@ class BlockSystem:
     delta : float
         δ of Γ₀ = δI; may be changed between policies.
     scaling : {"samples", "weights"}
+    among : ndarray of bool, shape (n_samples, n_actions), optional
+        Actions that a policy may choose from in the next states; all by default.
     """
 
     def __init__(
@@ -212,8 +105,9 @@ class BlockSystem:
         weight: Array,
         delta: float,
         scaling: str = "samples",
+        among: NDArray[np.bool_] | None = None,
     ) -> None:
-        self.gamma, self.delta, self.scaling = gamma, delta, scaling
+        self.gamma, self.delta, self.scaling, self.among = gamma, delta, scaling, among
         self.phi = features(transitions.state)
         self.next_phi = features(transitions.next_state, transitions.terminated)
         self.action = transitions.action
@@ -225,7 +119,7 @@ class BlockSystem:
 
     def policy(self, weights: Array) -> Actions:
         """Greedy actions in the next states, shape (n_samples,)."""
-        return greedy(weights, self.next_phi)
+        return greedy(weights, self.next_phi, among=self.among)
 
     def values(self, weights: Array) -> Array:
         """Q̂ in the next states, shape (n_samples, n_actions)."""
@@ -395,6 +289,7 @@ def offline_lspi(
     max_iterations: int,
     weights: Array,
     scaling: str = "samples",
+    among: NDArray[np.bool_] | None = None,
     proceed: Callable[[int, float], bool] = always,
 ) -> tuple[Iteration, Moments]:
     """Iterate policies on one fixed set of samples (T Algorithm 1).
@@ -413,6 +308,8 @@ def offline_lspi(
         As in `policy_iteration`.
     scaling
         As in `solve`.
+    among
+        As of `BlockSystem`.
 
     Returns
     -------
@@ -421,7 +318,7 @@ def offline_lspi(
         Γ, z, and the Λ that the last weights were solved from.
     """
     weight = np.ones(len(transitions))  # T forgets nothing here
-    system = BlockSystem(transitions, features, n_actions, gamma, weight, delta, scaling)
+    system = BlockSystem(transitions, features, n_actions, gamma, weight, delta, scaling, among)
     found = policy_iteration(
         system, weights, chi=chi, max_iterations=max_iterations, proceed=proceed
     )

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import Iteration, Solve, always, greedy, offline_lspi, solve
+from iolspi_ros.core.lspi import Iteration, always, greedy, offline_lspi
 from iolspi_ros.core.moments import Moments, accumulate
 from iolspi_ros.core.refresh import Judgement, refresh
 from iolspi_ros.core.samples import Batch, Transition, Transitions
+from iolspi_ros.core.shield import Shield, allowed, safest
+from iolspi_ros.core.solve import Solve, solve
 from iolspi_ros.errors import InputError
 
 Array = NDArray[np.float64]
@@ -35,6 +37,7 @@ class Source(IntEnum):
     CORRUPTED = 3
     SCRIPTED = 4
     HOLD = 5
+    SHIELD = 6
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,7 @@ class Outcome:
     solve: Solve
     moments: Moments
     buffer: Buffer
+    shield: Shield
     judgement: Judgement | None = None
     iteration: Iteration | None = None
 
@@ -119,11 +123,13 @@ class OnlineLSPI:
         # The refreshed learner has no use for matrices of the functions' number squared.
         self.moments = Moments.empty(*(shape if self.literal else (1, 0)), settings.delta)
         self.buffer = settings.buffer()
+        self.shield = settings.guarded()
         self.starts = np.empty((0, self.features.n_dims))
         self.step = 0
         self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
         self.dropped = 0
+        self.vetoes = 0
         self.batch = Batch(settings.update_interval, self.features.n_dims)
         self._q = np.empty(settings.n_actions)
 
@@ -149,9 +155,16 @@ class OnlineLSPI:
         source : Source
         """
         if explore and self.rng.random() < self.epsilon:
-            return int(self.rng.integers(self.settings.n_actions)), Source.EXPLORE
-        q = self.features.weigh(self.weights, state, self._q).tolist()
-        return self.choose(q), Source.EXPLOIT
+            action, source = int(self.rng.integers(self.settings.n_actions)), Source.EXPLORE
+        else:
+            q = self.features.weigh(self.weights, state, self._q).tolist()
+            action, source = self.choose(q), Source.EXPLOIT
+        guard = self.shield.guard
+        if guard.active and not allowed(guard, state, action):
+            self.vetoes += 1
+            q = self.features.weigh(self.weights, state, self._q)
+            return int(safest(guard, state, q)), Source.SHIELD
+        return action, source
 
     def choose(self, q: Sequence[float]) -> int:
         """Action of the largest value; one of several at random."""
@@ -210,16 +223,19 @@ class OnlineLSPI:
                 f"none of {len(transitions)} demonstrated transitions is usable; allowed: finite "
                 f"numbers and actions 0 to {s.n_actions - 1}"
             )
+        rows = transitions[usable]
         if not self.literal:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
-            found = self._refreshed(transitions[usable], start, True, proceed)()
+            found = self._refreshed(rows, start, True, proceed)()
         else:
+            shield = self.shield.learn(rows)
             iteration, moments = offline_lspi(
-                transitions[usable],
+                rows,
                 self.features,
                 s.n_actions,
                 gamma=s.gamma,
                 delta=s.delta,
+                among=shield.among(rows.next_state),
                 chi=s.chi,
                 max_iterations=s.max_iterations,
                 weights=self.rng.standard_normal(self.weights.shape),
@@ -227,12 +243,14 @@ class OnlineLSPI:
                 proceed=proceed,
             )
             solved = iteration.solve
-            found = Outcome(solved.weights, solved, moments, self.buffer, iteration=iteration)
+            found = Outcome(
+                solved.weights, solved, moments, self.buffer, shield, iteration=iteration
+            )
         accepted = found.solve.status != "non-finite"
         change = float(np.linalg.norm(found.solve.weights - self.weights))
         if accepted:
             self._take(found)
-            self.n_samples += int(usable.sum())
+            self.n_samples += len(rows)
         return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
 
     def update(self) -> Update:
@@ -248,11 +266,12 @@ class OnlineLSPI:
         # Drawn here, so that the generator is touched by one thread only.
         tie_breaker = np.random.default_rng(self.rng.integers(2**63))
         moments, weights, buffer = self.moments, self.weights, self.buffer
-        features, s = self.features, self.settings
+        features, s, shield = self.features, self.settings, self.shield
 
         def compute() -> Outcome:
             phi, next_phi = features.along(batch)
-            next_action = greedy(weights, next_phi, tie_breaker)
+            among = shield.among(batch.next_state)
+            next_action = greedy(weights, next_phi, tie_breaker, among)
             grown = accumulate(
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
             )
@@ -263,7 +282,10 @@ class OnlineLSPI:
                 found = replace(found, status="diverging")
             chosen = found.weights if found.healthy else weights
             finite = found.status != "non-finite"
-            return Outcome(chosen, found, grown if finite else moments, buffer)
+            return Outcome(
+                chosen, found, grown if finite else moments, buffer,
+                shield.learn(batch, s.forget_factor),
+            )  # fmt: skip
 
         return compute
 
@@ -294,19 +316,23 @@ class OnlineLSPI:
         begins = np.concatenate([[after_an_end], ends[:-1]])
         self.starts = np.concatenate([self.starts, batch.state[begins]])[-STARTS_KEPT:]
         starts, step, s = self.starts, self.step, self.settings
-        features, moments, kept = self.features, self.moments, self.buffer
+        features, moments, kept, shield = self.features, self.moments, self.buffer, self.shield
 
         def compute() -> Outcome:
             buffer = kept.add(batch, step, demonstrated)
-            found = refresh(buffer, step, features, s, weights, starts, proceed)
+            grown = shield.learn(batch, 1.0 if demonstrated else s.forget_factor)
+            among = grown.among(buffer.transitions.next_state)
+            found = refresh(buffer, step, features, s, weights, starts, proceed, among)
             return Outcome(
-                found.weights, found.solve, moments, buffer, found.judgement, found.iteration
-            )
+                found.weights, found.solve, moments, buffer, grown, found.judgement,
+                found.iteration,
+            )  # fmt: skip
 
         return compute
 
     def _take(self, found: Outcome) -> None:
         self.weights, self.moments, self.buffer = found.weights, found.moments, found.buffer
+        self.shield = found.shield
 
     def state(self) -> dict[str, Any]:
         """Everything that a later `restore` needs to go on bit by bit the same."""
@@ -314,11 +340,13 @@ class OnlineLSPI:
             "weights": self.weights,
             "moments": self.moments,
             "buffer": self.buffer,
+            "shield": self.shield,
             "starts": self.starts,
             "step": self.step,
             "n_samples": self.n_samples,
             "updates": self.updates,
             "dropped": self.dropped,
+            "vetoes": self.vetoes,
             "batch": self.batch.rows(),
             "rng": self.rng.bit_generator.state,
         }
@@ -337,8 +365,9 @@ class OnlineLSPI:
                 "(actions, features) of this learner"
             )
         self.weights, self.moments = state["weights"], state["moments"]
-        self.buffer, self.starts = state["buffer"], state["starts"]
-        for name in ("step", "n_samples", "updates", "dropped"):
+        self.buffer, self.shield = state["buffer"], state["shield"]
+        self.starts = state["starts"]
+        for name in ("step", "n_samples", "updates", "dropped", "vetoes"):
             setattr(self, name, state[name])
         self.batch.take()
         for transition in state["batch"]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import BlockSystem, Iteration, Solve, always, policy_iteration
+from iolspi_ros.core.lspi import BlockSystem, Iteration, always, policy_iteration
+from iolspi_ros.core.solve import Solve
 
 Array = NDArray[np.float64]
 
@@ -88,6 +90,7 @@ def refresh(
     weights: Array,
     starts: Array,
     proceed: Callable[[int, float], bool] = always,
+    among: NDArray[np.bool_] | None = None,
 ) -> Refreshed:
     """Find the best policy that the samples kept can tell.
 
@@ -105,53 +108,71 @@ def refresh(
         States in which episodes began.
     proceed : callable
         As in `policy_iteration`; a false answer ends the search.
+    among : ndarray of bool, shape (n_samples, n_actions), optional
+        Actions to choose from in the next states; see `lspi.BlockSystem`.
 
     Returns
     -------
     Refreshed
     """
     s = settings
+    weight = buffer.weight(step, s.forget_factor)
+    # Whichever is smaller: one unknown for each function and action, or one for each sample.
+    many = s.n_actions * basis.size > len(buffer) and not len(basis.table.kept)
+    kind = DualSystem if many else BlockSystem
+    system = kind(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0, among=among)
+    found = _candidates(system, buffer, s, weights, proceed)
+    healthy = [candidate for candidate in found if candidate.solve.healthy]
+    if not healthy:
+        judgement = Judgement(1, np.nan, np.nan, 0.0, len(found))
+        return Refreshed(weights, found[-1].solve, found[-1].iteration, judgement)
+    prediction = judge.fit(system, buffer.transitions, basis)
+    policies = [weights, *(candidate.solve.weights for candidate in healthy)]
+    returns = judge.compare(prediction, policies, starts, s.gamma)
+    chosen = judge.best(returns)
+    new = healthy[chosen - 1 if chosen else judge.best(returns[1:])]
+    judgement = Judgement(
+        len(policies), float(returns[chosen, 0]), float(returns[0, 0]),
+        new.delta if chosen else 0.0, len(found) - len(healthy),
+    )  # fmt: skip
+    return Refreshed(policies[chosen], new.solve, new.iteration, judgement)
+
+
+class _Candidate(NamedTuple):
+    """Weights that may be flown, and how they were come by."""
+
+    solve: Solve
+    iteration: Iteration
+    delta: float
+
+
+def _candidates(
+    system: BlockSystem | DualSystem,
+    buffer: Buffer,
+    settings: LearnerSettings,
+    weights: Array,
+    proceed: Callable[[int, float], bool],
+) -> list[_Candidate]:
+    """The policies of one iteration for each δ, within the budget of time."""
+    s = settings
     deadline = time.monotonic() + s.refresh_budget if s.refresh_budget else np.inf
 
     def go_on(number: int, change: float) -> bool:
         return time.monotonic() < deadline and proceed(number, change)
 
-    weight = buffer.weight(step, s.forget_factor)
-    # Whichever is smaller: one unknown for each function and action, or one for each sample.
-    many = s.n_actions * basis.size > len(buffer) and not len(basis.table.kept)
-    kind = DualSystem if many else BlockSystem
-    system = kind(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0)
     scale = system.scale()
-    found: list[tuple[Solve, Iteration, float]] = []
+    found: list[_Candidate] = []
     for share in DELTAS:
         system.delta = share * scale
         iteration = policy_iteration(
-            system,
-            weights,
-            chi=s.chi,
-            max_iterations=s.refresh_iterations,
-            proceed=go_on,
+            system, weights, chi=s.chi, max_iterations=s.refresh_iterations, proceed=go_on
         )
-        found += [
-            (_believed(solve, system, buffer, s.gamma), iteration, system.delta)
-            for solve in iteration.solves
-        ]
+        for solve in iteration.solves:
+            believed = _believed(solve, system, buffer, s.gamma)
+            found.append(_Candidate(believed, iteration, system.delta))
         if iteration.stop == "interrupted":
             break
-    healthy = [entry for entry in found if entry[0].healthy]
-    if not healthy:
-        judgement = Judgement(1, np.nan, np.nan, 0.0, len(found))
-        return Refreshed(weights, found[-1][0], found[-1][1], judgement)
-    prediction = judge.fit(system, buffer.transitions, basis)
-    policies = [weights, *(solve.weights for solve, _, _ in healthy)]
-    returns = judge.compare(prediction, policies, starts, s.gamma)
-    chosen = judge.best(returns)
-    solve, iteration, delta = healthy[max(chosen, 1) - 1 if chosen else judge.best(returns[1:])]
-    judgement = Judgement(
-        len(policies), float(returns[chosen, 0]), float(returns[0, 0]),
-        delta if chosen else 0.0, len(found) - len(healthy),
-    )  # fmt: skip
-    return Refreshed(policies[chosen], solve, iteration, judgement)
+    return found
 
 
 def _believed(

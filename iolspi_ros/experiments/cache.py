@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import zipfile
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros import resources
 from iolspi_ros.core.checkpoint import atomic_file
 
 Array = NDArray[np.float64]
 
 
-def folder() -> Path:
-    """$XDG_CACHE_HOME/iolspi_ros, or that in ~/.cache (XDG Base Directory Specification)."""
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    # A relative path there is invalid, says the specification.
-    base = Path(given) if os.path.isabs(given) else Path(os.path.expanduser("~"), ".cache")
-    return base / "iolspi_ros"
-
-
 def read(name: str, shape: tuple[int, ...]) -> Array | None:
     """The array of this name; None when there is none, or it is damaged or of another shape."""
     try:
-        with np.load(folder() / f"{name}.npz", allow_pickle=False) as file:
+        with np.load(resources.cache_folder() / f"{name}.npz", allow_pickle=False) as file:
             values = np.asarray(file["values"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
@@ -36,5 +27,8 @@ def read(name: str, shape: tuple[int, ...]) -> Array | None:
 
 def write(name: str, values: Array) -> None:
     """Keep an array, if the folder can be written."""
-    with contextlib.suppress(OSError), atomic_file(folder() / f"{name}.npz") as file:
+    with (
+        contextlib.suppress(OSError),
+        atomic_file(resources.cache_folder() / f"{name}.npz") as file,
+    ):
         np.savez(file, allow_pickle=False, values=values)

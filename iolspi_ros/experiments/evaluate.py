@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,10 @@ from iolspi_ros import __version__
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
+from iolspi_ros.core.shield import Shield
 from iolspi_ros.experiments import cache
+from iolspi_ros.experiments.compiled import fly_greedily
+from iolspi_ros.experiments.history import Episode
 from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
@@ -28,15 +31,22 @@ class Evaluation:
     ----------
     states : ndarray of shape (n_steps + 1, n, n_dims)
     actions : ndarray of int, shape (n_steps, n)
+        -1 after the end.
     discounted : ndarray of shape (n,)
         Discounted return of each (T Eq. 4).
+    score : ndarray of shape (n,)
+        Sum of the rewards of each, not discounted.
     succeeded : ndarray of bool, shape (n,)
+    ending : ndarray of int, shape (n,)
+        Which of the task's endings each came to.
     """
 
     states: Array
     actions: NDArray[np.int64]
     discounted: Array
+    score: Array
     succeeded: NDArray[np.bool_]
+    ending: NDArray[np.int64]
 
     @property
     def discounted_return(self) -> float:
@@ -49,9 +59,14 @@ class Evaluation:
         return float(self.succeeded.mean())
 
 
-def policy_of(weights: Array, features: Basis) -> Policy:
-    """The greedy policy of some weights, shape (n_actions, size)."""
-    return lambda states: greedy(weights, features(states))
+def policy_of(weights: Array, features: Basis, shield: Shield | None = None) -> Policy:
+    """The greedy policy of some weights, shape (n_actions, size), behind a shield if any."""
+
+    def policy(states: Array) -> NDArray[np.int64]:
+        among = shield.among(states) if shield else None
+        return greedy(weights, features(states), among=among)
+
+    return policy
 
 
 def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
@@ -71,21 +86,65 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     """
     state = task.initial_states()
     alive = np.ones(len(state), bool)
-    total, discount = np.zeros(len(state)), 1.0
     states, actions, rewards = [state], [], []
     for _ in range(task.episode_steps):
         action = policy(state)
         following, reward, terminated = task.step(state, action, time)
         rewards.append(np.where(alive, reward, 0.0))
-        total += discount * rewards[-1]
         state = np.where(alive[:, None], following, state)
+        actions.append(np.where(alive, action, -1))
         alive &= ~terminated
-        discount *= task.gamma
         states.append(state)
-        actions.append(action)
-    history = np.stack(states)
-    succeeded = task.succeeded(history, np.stack(rewards))
-    return Evaluation(history, np.stack(actions), total, succeeded)
+    return _graded(task, np.stack(states), np.stack(actions), np.stack(rewards), ~alive)
+
+
+def evaluate_weights(task: Task, weights: Array, features: Basis, time: float = 0.0) -> Evaluation:
+    """The same for the greedy policy of some weights, shape (n_actions, size), compiled.
+
+    The sums behind Q̂ are taken in another order than `evaluate` takes them, so the last bits of
+    an episode may differ, and with them an action where two are as good.
+    """
+    return _graded(task, *fly_greedily(task, weights, features, time))
+
+
+def _graded(
+    task: Task,
+    states: Array,
+    actions: NDArray[np.int64],
+    rewards: Array,
+    terminated: NDArray[np.bool_],
+) -> Evaluation:
+    """What episodes come to."""
+    discounted = task.gamma ** np.arange(len(rewards)) @ rewards
+    lengths = np.count_nonzero(actions >= 0, axis=0)
+    last = rewards[lengths - 1, np.arange(len(lengths))]
+    succeeded = task.succeeded(states, rewards)
+    ending = task.ending(last, terminated)
+    return Evaluation(states, actions, discounted, rewards.sum(axis=0), succeeded, ending)
+
+
+def succeeded(task: Task, episodes: Sequence[Episode]) -> NDArray[np.bool_]:
+    """Whether each of some whole episodes reached the goal; one that ended early stays there.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_episodes,)
+    """
+    length = task.episode_steps + 1
+    states = np.empty((length, len(episodes), len(task.low)))
+    rewards = np.zeros((length, len(episodes)))
+    for number, episode in enumerate(episodes):
+        count = len(episode.states)
+        states[:count, number] = episode.states
+        states[count:, number] = episode.states[-1]
+        rewards[:count, number] = episode.rewards
+    return task.succeeded(states, rewards[1:])
+
+
+def endings(task: Task, episodes: Sequence[Episode]) -> NDArray[np.int64]:
+    """Which of the task's endings each of some whole episodes came to, shape (n_episodes,)."""
+    rewards = np.array([episode.rewards[-1] for episode in episodes])
+    return task.ending(rewards, np.array([episode.terminated for episode in episodes], bool))
 
 
 def near_optimal_policy(

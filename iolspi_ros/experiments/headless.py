@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.experiments.compiled import fly
-from iolspi_ros.experiments.history import History, Policy
+from iolspi_ros.experiments.history import Episode, History, Policy
 from iolspi_ros.settings import from_mapping
 from sim_nodes.tasks import make_task
 from sim_nodes.world import World, WorldSettings
@@ -44,10 +44,22 @@ def prepare(task: str, file: Path, seed: int) -> tuple[World, OnlineLSPI]:
 
 @dataclass
 class Listener:
-    """What to call while training; each may be left out."""
+    """What to call while training; each may be left out.
+
+    Attributes
+    ----------
+    on_observation : callable
+        With each observation, the action chosen there (-1 at an end) and who chose it.
+    on_update : callable
+        With each policy update.
+    on_episode : callable
+        With each episode's sum of rewards (T: learning score), its last reward, and whether the
+        task ended there.
+    """
 
     on_observation: Callable[[Observation, int, Source], None] | None = None
-    on_update: Callable[[Update], None] | None = None
+    on_update: Callable[[Update], None] = lambda update: None
+    on_episode: Callable[[float, float, bool], None] = lambda score, reward, terminated: None
 
 
 def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) -> None:
@@ -63,15 +75,15 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
     episodes : int
     listener : Listener
     """
-    if listener.on_observation is None and not world.noisy:
-        fly(world, learner, episodes, listener.on_update or (lambda update: None))
+    look = listener.on_observation
+    if look is None:
+        fly(world, learner, episodes, listener.on_update, listener.on_episode)
         return
     for episode in range(episodes):
-        seen = world.begin(episode)
+        seen, score = world.begin(episode), 0.0
         while not seen.last:
             action, source = learner.act(seen.state)
-            if listener.on_observation:
-                listener.on_observation(seen, action, source)
+            look(seen, action, source)
             following = world.move(episode, action)
             transition = Transition(
                 seen.state,
@@ -82,12 +94,11 @@ def train(world: World, learner: OnlineLSPI, episodes: int, listener: Listener) 
                 following.truncated,
             )
             if learner.observe(transition):
-                update = learner.update()
-                if listener.on_update:
-                    listener.on_update(update)
+                listener.on_update(learner.update())
             seen = following
-        if listener.on_observation:
-            listener.on_observation(seen, -1, Source.HOLD)
+            score += seen.reward
+        listener.on_episode(score, seen.reward, seen.terminated)
+        look(seen, -1, Source.HOLD)
 
 
 def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None]) -> Listener:
@@ -95,9 +106,9 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
     def observed(observation: Observation, action: int, source: Source) -> None:
         if observation.step == 0:
-            history.episodes.append([])
+            history.episodes.append(Episode())
             history.scores.append(0.0)
-        history.episodes[-1].append(observation.state)
+        history.episodes[-1].take(observation)
         history.scores[-1] += observation.reward
         if observation.last:
             show(len(history.episodes))
@@ -110,22 +121,31 @@ def remember(history: History, learner: OnlineLSPI, show: Callable[[int], None])
 
 
 def literal_beside(
-    task: str, file: Path, seed: int, transitions: Transitions | None, episodes: int
-) -> tuple[OnlineLSPI, History]:
+    task: str, file: Path, seed: int, taught: Transitions, episodes: int
+) -> tuple[OnlineLSPI, History] | None:
     """The thesis' own algorithm in the same situation, to compare with.
+
+    No dimension wraps around and nothing is vetoed; else its settings are the same, but for
+    those that the file's section `literal` gives.
 
     Returns
     -------
     learner : OnlineLSPI
     history : History
+        Or None for both when the file's own learner is just that one.
     """
     world, configured = prepare(task, file, seed)
-    settings = replace(configured.settings, algorithm="literal", periodic=(False,))
+    values = resources.parameters(file, "learner")
+    values |= {"algorithm": "literal", "periodic": [False], "shield": False}
+    values |= resources.parameters(file, "literal")
+    settings = from_mapping(LearnerSettings, values, str(file))
+    if settings == configured.settings:
+        return None
     learner = OnlineLSPI(settings, np.random.default_rng([seed, 1]))
-    history = History(world.task.dt)
+    history = History(world.task.dt, taught)
     listener = remember(history, learner, lambda done: None)
-    if transitions is not None:
-        update = learner.inform(transitions)
+    if len(taught):
+        update = learner.inform(taught)
         history.policies.append(Policy.of(update, 0.0, learner.weights))
     train(world, learner, episodes, listener)
     return learner, history

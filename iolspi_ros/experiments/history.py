@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.online import Update
 from iolspi_ros.core.refresh import Judgement
+from iolspi_ros.core.samples import Observation, Transitions
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,35 @@ class Policy:
 
 
 @dataclass
+class Episode:
+    """One episode as it was seen.
+
+    Attributes
+    ----------
+    states : list of ndarray, each of shape (n_dims,)
+    rewards : list of float
+        What led to each of them; zero for the first.
+    terminated : bool
+        Whether the task ended there, not the clock.
+    whole : bool
+        Whether its last state was seen.
+    """
+
+    states: list[Array] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+    terminated: bool = False
+    whole: bool = False
+
+    def take(self, observation: Observation) -> int:
+        """Add an observation; those missed before it are filled with it. Returns their number."""
+        missed = observation.step - len(self.states)
+        self.states += [observation.state] * (missed + 1)
+        self.rewards += [observation.reward] * (missed + 1)
+        self.terminated, self.whole = observation.terminated, observation.last
+        return missed
+
+
+@dataclass
 class History:
     """A run of demonstration, offline and online learning.
 
@@ -55,31 +84,28 @@ class History:
     ----------
     dt : float
         Sampling time [s].
-    demonstrated : list of ndarray, each of shape (n_dims,)
-        States of the samples that were demonstrated.
-    episodes : list of list of ndarray
-        States of each episode flown while learning.
+    taught : Transitions
+        What was demonstrated.
+    episodes : list of Episode
+        Those flown while learning.
     scores : list of float
         Sum of rewards of each of them (T: learning score).
     policies : list of Policy
-    shown : list of list of ndarray
-        States of the episodes flown at the end, greedily and without learning.
-    shown_rewards : list of list of float
-        What led to each of these states; zero for the first.
+    shown : list of Episode
+        Those flown at the end, greedily and without learning.
     offline : str
         How offline LSPI stopped.
     """
 
     dt: float
-    demonstrated: Sequence[Array] = field(default_factory=list)
-    episodes: list[list[Array]] = field(default_factory=list)
+    taught: Transitions
+    episodes: list[Episode] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
     policies: list[Policy] = field(default_factory=list)
-    shown: list[list[Array]] = field(default_factory=list)
-    shown_rewards: list[list[float]] = field(default_factory=list)
+    shown: list[Episode] = field(default_factory=list)
     offline: str = ""
 
     @property
     def vehicle_time(self) -> float:
         """Time that the vehicle moved while learning online [s]."""
-        return self.dt * sum(max(len(episode) - 1, 0) for episode in self.episodes)
+        return self.dt * sum(max(len(episode.states) - 1, 0) for episode in self.episodes)

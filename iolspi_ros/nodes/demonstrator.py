@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ class Demonstrator(Node):
         super().__init__("demonstrator")
         self.settings = parameters.declare(self, DemonstratorSettings)
         flight = parameters.declare(self, FlightSettings, ("corruption",))
-        pilot = parameters.declare(self, PilotSettings)
+        self._pilot = parameters.declare(self, PilotSettings)
         stick = parameters.declare(self, StickSettings)
         player = parameters.declare(self, PlayerSettings)
         parameters.check_changes(self, FlightSettings)
@@ -71,7 +71,7 @@ class Demonstrator(Node):
             self._player = Player(self, player)
         else:
             self._origin = PILOTS[self.settings.source]
-            self._flight = Flight(self, flight, pilot, stick)
+            self._flight = Flight(self, flight, self._pilot, stick)
 
     def begin(self) -> None:
         """Start recording, if that is wanted, and say that a demonstration begins."""
@@ -133,7 +133,7 @@ class Demonstrator(Node):
     def _card(self) -> dict[str, Any]:
         card: dict[str, Any] = {"pilot": self._origin, "task": self.settings.task}
         if self.settings.source == "scripted":
-            card["mode"] = str(self.get_parameter("mode").value)
+            card |= asdict(self._pilot)
         if self.settings.source != "bag":
             card["corruption"] = float(self.get_parameter("corruption").value)
             card["seed"] = int(self.get_parameter("seed").value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -10,6 +11,8 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs import msg as lifecycle
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,11 +26,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import qos, wire
 from iolspi_ros.bags import BagWriter
-from iolspi_ros.core.lspi import STATUSES
 from iolspi_ros.core.refresh import Judgement
-from iolspi_ros.core.samples import Array, Observation
+from iolspi_ros.core.samples import Array, Observation, Transition, Transitions
+from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.errors import InputError
-from iolspi_ros.experiments.history import History, Policy
+from iolspi_ros.experiments.history import Episode, History, Policy
 from iolspi_ros.nodes import runtime
 from iolspi_ros.pairing import Pairer
 from sim_nodes.tasks.base import Task
@@ -45,10 +48,11 @@ class Monitor(Node):
 
     def __init__(self, task: Task, bag: BagWriter | None = None) -> None:
         super().__init__("monitor")
-        self.demonstrated: list[Array] = []
-        self.episodes: list[list[Array]] = []
-        self.rewards: list[list[float]] = []
+        self.demonstrated: list[Transition] = []
+        self.episodes: list[Episode] = []
         self.scores: list[float] = []
+        self.conditions: dict[str, dict[str, str]] = {}
+        """What each node said last on /diagnostics, by its name there."""
         self._offline = ""
         self.missed = 0  # observations that did not reach this recorder
         self._interrupted = False
@@ -57,7 +61,6 @@ class Monitor(Node):
         self._bag = bag
         self._stamp = 0
         self._newest = (-1, -1)
-        self._states: list[Array] = []
         self._episode = -1
         self._ended = 0
         self._weights: dict[int, Array] = {}
@@ -68,13 +71,13 @@ class Monitor(Node):
         self._update_rows = wire.Rows("update", wire.UPDATE)
         self._executor = runtime.executor()
         self._executor.add_node(self)
-        self._listen("state", JointState, self._on_state)
-        self._listen("reward", Float64MultiArray, self._on_reward)
-        self._listen("action", Float64MultiArray, lambda message: None)
-        self._listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
-        self._listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
-        self._listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
-        self._listen("/diagnostics", DiagnosticArray, self._on_diagnostics)
+        self.listen("state", JointState, self._on_state)
+        self.listen("reward", Float64MultiArray, self._on_reward)
+        self.listen("action", Float64MultiArray, lambda message: None)
+        self.listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
+        self.listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
+        self.listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
+        self.listen("/diagnostics", DiagnosticArray, self._on_diagnostics)
 
     def connected(self) -> bool:
         """Whether a simulator and a learner are heard."""
@@ -93,7 +96,7 @@ class Monitor(Node):
 
     def listen_to_samples(self) -> None:
         """Listen to the demonstrator, too; one that wants two listeners begins then."""
-        self._listen("sample", Float64MultiArray, self._on_sample)
+        self.listen("sample", Float64MultiArray, self._on_sample)
 
     def interrupt(self) -> None:
         """Let the present or next `wait` end with KeyboardInterrupt."""
@@ -166,6 +169,20 @@ class Monitor(Node):
             if not result.successful:
                 raise InputError(f"/{node}: {result.reason}")
 
+    def change_state(self, node: str, transition: str) -> None:
+        """Ask a managed node for a transition, such as "activate".
+
+        Raises
+        ------
+        InputError
+            When it does not make it.
+        """
+        request = ChangeState.Request()
+        request.transition.label = transition
+        request.transition.id = getattr(lifecycle.Transition, f"TRANSITION_{transition.upper()}")
+        if not self.call(ChangeState, f"/{node}/change_state", request).success:
+            raise InputError(f"/{node} refused to {transition}")
+
     def switch(self, service: str, on: bool) -> None:
         """Call a std_srvs/SetBool service."""
         self.call(SetBool, service, SetBool.Request(data=on))
@@ -190,24 +207,27 @@ class Monitor(Node):
             for number, row in sorted(self._updates.items())
             if number in self._weights
         ]
+        if not policies and self._weights:  # learned before, and not since
+            number = max(self._weights)
+            policies.append(Policy(number, 0.0, self._weights[number], math.nan, STATUSES[0]))
         return History(
             dt=self._dt,
-            demonstrated=self.demonstrated,
+            taught=Transitions.of(self.demonstrated, self._samples.n_dims),
             episodes=self.episodes[:learned],
             scores=self.scores[:learned],
             policies=policies,
             shown=self.episodes[learned:],
-            shown_rewards=self.rewards[learned:],
             offline=self._offline,
         )
 
-    def _listen(
+    def listen(
         self,
         topic: str,
         kind: Any,
         handle: Callable[[Any], None],
         profile: QoSProfile = qos.RECORDING,
     ) -> None:
+        """Record a topic, and handle its messages."""
         name = wire.type_name(kind())
 
         def receive(data: bytes) -> None:
@@ -233,17 +253,13 @@ class Monitor(Node):
             return  # repeated
         self._newest = key
         if observation.episode != self._episode:
-            self._episode, self._states = observation.episode, []
-            self.episodes.append(self._states)
-            self.rewards.append([])
-        gap = observation.step - len(self._states)
-        self.missed += gap
-        self._states += [observation.state] * (gap + 1)
-        self.rewards[-1] += [observation.reward] * (gap + 1)
+            self._episode = observation.episode
+            self.episodes.append(Episode())
+        self.missed += self.episodes[-1].take(observation)
         self._ended = self._ended + observation.last
 
     def _on_sample(self, message: Any) -> None:
-        self.demonstrated.append(self._samples.sample(message).transition.state)
+        self.demonstrated.append(self._samples.sample(message).transition)
 
     def _on_score(self, message: Any) -> None:
         self.scores.append(self._scores.read(message)[4])
@@ -253,8 +269,9 @@ class Monitor(Node):
         self._updates[int(row["number"])] = row
 
     def _on_diagnostics(self, message: Any) -> None:
-        values = {pair.key: pair.value for status in message.status for pair in status.values}
-        self._offline = values.get("offline LSPI", self._offline)
+        for status in message.status:
+            self.conditions[status.name] = {pair.key: pair.value for pair in status.values}
+            self._offline = self.conditions[status.name].get("offline LSPI", self._offline)
 
     def _on_weights(self, message: Any) -> None:
         weights, number = wire.read_weights(message)

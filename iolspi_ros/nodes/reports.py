@@ -11,9 +11,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, wire
-from iolspi_ros.core.lspi import STATUSES
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation
+from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.nodes import runtime
 
 
@@ -98,6 +98,7 @@ class Reports:
             "weights' norm": f"{np.linalg.norm(core.weights):.6g}",
             "transitions dropped (not finite)": core.dropped,
             "offline LSPI": self._stop,
+            "shield": self._shield(),
         }
         level, text = DiagnosticStatus.OK, str(condition["phase"])
         if update is not None:
@@ -118,6 +119,12 @@ class Reports:
         status = DiagnosticStatus(level=level, name=name, message=text, values=pairs)
         message.status = [status]
         runtime.publish(self._diagnostics_out, message)
+
+    def _shield(self) -> str:
+        if not self._core.shield.bounded:
+            return "off"
+        active = self._core.shield.guard.active
+        return f"{self._core.vetoes} vetoes" + ("" if active else ", not enough samples yet")
 
     def _head(self) -> tuple[int, int, int, int]:
         now = self._node.get_clock().now().nanoseconds

@@ -15,6 +15,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.timer import Timer
@@ -111,12 +112,21 @@ def spin(node: Node) -> None:
     try:
         context = node.context
         while context.ok():
-            loop.spin_once(timeout_sec=0.25)
+            _spin_once(loop, node)
     except ExternalShutdownException:
         pass
-    except RCLError:
-        if rclpy.ok():  # else a signal came while a callback was publishing
+
+
+def _spin_once(loop: Executor, node: Node) -> None:
+    try:
+        loop.spin_once(timeout_sec=0.25)
+    except RCLError as error:
+        if not rclpy.ok():  # a signal came while a callback was publishing
+            return
+        if not isinstance(node, LifecycleNode):
             raise
+        # Asked for a transition that its state does not have; rclpy would end the node for that.
+        node.get_logger().warning(f"refused: {_first_line(error)}")
 
 
 def _put_away(node: Node, name: str) -> None:

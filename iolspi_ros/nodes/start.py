@@ -12,6 +12,7 @@ NODES = {
     "simulator": "sim_nodes.simulator",
     "demonstrator": "iolspi_ros.nodes.demonstrator",
     "learner": "iolspi_ros.nodes.learner",
+    "bridge": "msg_bridge.mavlink.node",
 }
 
 
@@ -21,13 +22,13 @@ PARENT = "IOLSPI_PARENT"
 
 def start(node: str) -> int:
     """Import and run a node; until it runs, SIGINT and SIGTERM end the process with 0."""
-    _follow_parent()
+    follow_parent()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
     return int(importlib.import_module(NODES[node]).main())
 
 
-def _follow_parent() -> None:
+def follow_parent() -> None:
     """Ask Linux to interrupt this process when its parent is gone, killed or not."""
     parent = os.environ.get(PARENT)
     if parent is None:
@@ -50,6 +51,11 @@ def demonstrator() -> int:
 def learner() -> int:
     """Run the learner."""
     return start("learner")
+
+
+def bridge() -> int:
+    """Run the bridge."""
+    return start("bridge")
 
 
 if __name__ == "__main__":

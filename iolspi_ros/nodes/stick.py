@@ -15,7 +15,10 @@ from iolspi_ros.settings import Settings, setting
 class StickSettings(Settings):
     """What the parts of the joystick mean."""
 
-    joy_axis: int = setting(0, "axis of the stick, from the first action to the last", low=0)
+    joy_axis: int = setting(0, "axis of the stick, from its first action to its last", low=0)
+    joy_actions: int = setting(
+        0, "how many of the actions, from the first, are on the axis; 0 for all", low=0
+    )
     joy_inverted: bool = setting(
         True, "whether the positive end of the axis (left, in most drivers) is the first action"
     )
@@ -39,6 +42,7 @@ class Stick:
 
     def __init__(self, settings: StickSettings, n_actions: int, neutral: int) -> None:
         self._settings, self._n_actions, self._neutral = settings, n_actions, neutral
+        self._on_axis = min(settings.joy_actions or n_actions, n_actions)
         self._latest: Joy | None = None
         self._time = 0.0
 
@@ -59,4 +63,4 @@ class Stick:
         value = float(np.clip(np.nan_to_num(self._latest.axes[s.joy_axis]), -1.0, 1.0))
         if s.joy_inverted:
             value = -value
-        return round((value + 1.0) / 2.0 * (self._n_actions - 1))
+        return round((value + 1.0) / 2.0 * (self._on_axis - 1))

@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from iolspi_ros.core.checkpoint import atomic_file
-
-Array = NDArray[np.float64]
+from sim_nodes.pictures import Picture
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:60rem;
@@ -31,20 +29,32 @@ table{border-collapse:collapse;font-size:.9rem}td{padding:.1rem .8rem .1rem 0;ve
 canvas{background:#f8f9fa;border-radius:.5rem;display:block}p.say{color:#52606d;margin:.2rem 0}
 """
 
-_SWING = """
-<h2>The last episode, as the graph flew it</h2>
-<canvas id="swing" width="260" height="260" role="img"
- aria-label="animation of the pendulum"></canvas><p class=say id="clock"></p>
+_FILM = """
+<h2>HEADING</h2>
+<canvas id="film" role="img" aria-label="animation of episodes"></canvas>
+<p class=say id="clock"></p>
 <script>
-const a=ANGLES, dt=DT, c=document.getElementById('swing').getContext('2d');
-const start=performance.now();
+const f=FILM, canvas=document.getElementById('film'), c=canvas.getContext('2d');
+const [left,bottom,right,top_]=f.box, scale=Math.min(720/(right-left),320/(top_-bottom));
+canvas.width=(right-left)*scale; canvas.height=(top_-bottom)*scale;
+const X=x=>(x-left)*scale, Z=z=>(top_-z)*scale, pause=0.7;
+let which=0, begun=performance.now();
 function draw(now){
- const t=((now-start)/1000*0.5)%(a.length*dt+0.7), k=Math.min(Math.floor(t/dt),a.length-1);
- const x=130+95*Math.sin(a[k]), y=130-95*Math.cos(a[k]);
- c.clearRect(0,0,260,260);c.lineWidth=6;c.lineCap='round';c.strokeStyle='#1f2933';
- c.beginPath();c.moveTo(130,130);c.lineTo(x,y);c.stroke();
- c.fillStyle='#0b7285';c.beginPath();c.arc(x,y,16,0,7);c.fill();
- document.getElementById('clock').textContent=(k*dt).toFixed(2)+' s, at half speed';
+ let frames=f.episodes[which], t=Math.max(now-begun,0)/1000*f.speed;
+ if(t>(frames.length-1)*f.dt+pause*f.speed){
+  which=(which+1)%f.episodes.length; frames=f.episodes[which]; begun=now; t=0}
+ const at=Math.min(t/f.dt,frames.length-1), k=Math.floor(at), u=at-k, next=frames[Math.min(k+1,
+  frames.length-1)];
+ c.clearRect(0,0,canvas.width,canvas.height); c.lineCap='round';
+ f.shapes.forEach((s,i)=>{
+  const p=frames[k][i].map((v,j)=>v+u*(next[i][j]-v));
+  c.fillStyle=c.strokeStyle=s.colour;
+  if(s.kind=='line'){c.lineWidth=Math.max(s.size[0]*scale,1.5); c.beginPath();
+   for(let j=0;j<p.length;j+=2) c.lineTo(X(p[j]),Z(p[j+1])); c.stroke()}
+  else if(s.kind=='ball'){c.beginPath(); c.arc(X(p[0]),Z(p[1]),s.size[0]/2*scale,0,7); c.fill()}
+  else{const w=s.size[0]*scale,h=s.size[2]*scale; c.fillRect(X(p[0])-w/2,Z(p[1])-h/2,w,h)}});
+ document.getElementById('clock').textContent=(at*f.dt).toFixed(2)+' s of episode '+(which+1)+
+  ' of '+f.episodes.length+f.ends[which]+', SPEED';
  requestAnimationFrame(draw)}
 requestAnimationFrame(draw)
 </script>
@@ -59,10 +69,36 @@ class Part(NamedTuple):
     says: str = ""
 
 
-def swing(states: Array, dt: float) -> str:
-    """Animation of a pendulum's episode, angle zero upright."""
-    angles = [round(float(state[0]), 3) for state in states]
-    return _SWING.replace("ANGLES", json.dumps(angles)).replace("DT", repr(dt))
+def animation(
+    heading: str, films: Sequence[Sequence[Picture]], ends: Sequence[str], dt: float
+) -> str:
+    """Episodes one after the other, as pictures `dt` seconds apart, and how each ended."""
+    step = max(1, round(0.02 / dt))  # closer ones are only more to load
+    films = [frames[::step] for frames in films]
+    points = np.array([p for frames in films for seen in frames for s in seen for p in s.points])
+    margin = 0.15 * float(np.ptp(points[:, 2])) + 1e-9
+    speed = 0.5 if len(films[0]) * step * dt < 2.0 else 1.0
+    content = {
+        "dt": step * dt,
+        "speed": speed,
+        "ends": [f" ({end})" if end else "" for end in ends],
+        "box": [points[:, 0].min() - margin, points[:, 2].min() - margin,
+                points[:, 0].max() + margin, points[:, 2].max() + margin],
+        "shapes": [
+            {"kind": s.kind, "size": s.size,
+             "colour": "rgb(" + " ".join(f"{255 * v:.0f}" for v in s.colour[:3])
+                       + f" / {s.colour[3]})"}
+            for s in films[0][0]
+        ],
+        "episodes": [
+            [[[round(v, 4) for x, _, z in s.points for v in (x, z)] for s in seen]
+             for seen in frames]
+            for frames in films
+        ],
+    }  # fmt: skip
+    page = _FILM.replace("HEADING", html.escape(heading))
+    page = page.replace("SPEED", "in real time" if speed == 1.0 else "at half speed")
+    return page.replace("FILM", json.dumps(content, separators=(",", ":")))
 
 
 def write(
@@ -106,6 +142,8 @@ def write(
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_short(part)}" for name, part in value.items())
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from iolspi_ros.experiments.evaluate import Policy
+from iolspi_ros.experiments.evaluate import Policy, endings
+from iolspi_ros.experiments.history import Episode
+from sim_nodes import pictures
 from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
 
 INK, ACCENT, REFERENCE, FAINT = "#1f2933", "#0b7285", "#c92a2a", "#adb5bd"
+_ENDING_COLOURS = ("#adb5bd", "#0b7285", "#e8590c", "#c92a2a", "#862e9c")
 _ACTION_COLOURS = ("#3b6fb6", "#e9ecef", "#d9822b", "#5f3dc4", "#2b8a3e")
 
 
@@ -41,13 +46,12 @@ def _figure(axes: Axes) -> Figure:
     return figure
 
 
-def learning_score(scores: Sequence[float], episode_time: float) -> Figure:
-    """Sum of rewards of each episode while learning, over vehicle time."""
+def learning_score(time: Array, scores: Sequence[float]) -> Figure:
+    """Sum of rewards of each episode while learning, over the vehicle time at its end."""
     axes = _axes("Learning score per episode", "vehicle time [s]", "sum of rewards")
-    time = episode_time * np.arange(1, len(scores) + 1)
-    axes.plot(time, scores, ".", color=FAINT, label="episode")
+    axes.plot(time, scores, ".", ms=3 if len(scores) > 200 else 6, color=FAINT, label="episode")
     if len(scores) >= 5:
-        window = min(9, len(scores) // 2 * 2 - 1)
+        window = max(min(9, len(scores) // 2 * 2 - 1), len(scores) // 40 * 2 + 1)
         middle = np.convolve(scores, np.ones(window) / window, "valid")
         half = window // 2
         axes.plot(time[half : half + len(middle)], middle, color=ACCENT, label=f"mean of {window}")
@@ -55,29 +59,55 @@ def learning_score(scores: Sequence[float], episode_time: float) -> Figure:
     return _figure(axes)
 
 
-def discounted_return(
-    curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], best: float
-) -> Figure:
+class Curve(NamedTuple):
+    """The policies of a run, each flown from every start.
+
+    Attributes
+    ----------
+    label : str
+    times : list of float
+        At which each came into use [s].
+    returns : list of float
+        Their mean discounted returns.
+    successes : list of float
+        Shares of the starts from which they reached the goal.
+    """
+
+    label: str
+    times: list[float]
+    returns: list[float]
+    successes: list[float]
+
+
+def discounted_return(curves: Sequence[Curve], best: float) -> Figure:
     """Discounted returns of intermediate policies over time, beside the near-optimal one.
 
-    Parameters
-    ----------
-    curves : sequence of (label, times, returns)
-        The first stands out.
-    best : float
+    The first curve stands out.
     """
     axes = _axes(
         "Discounted return of the intermediate policies", "vehicle time [s]", "discounted return"
     )
     axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
-    for number, (label, times, returns) in reversed(list(enumerate(curves))):
-        axes.plot(times, returns, "o-", ms=3, color=FAINT if number else ACCENT, label=label)
+    _draw(axes, [(curve.label, curve.times, curve.returns) for curve in curves])
     axes.legend(frameon=False, loc="lower right")
     ratio = axes.secondary_yaxis(
         "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))
     )
-    ratio.set_ylabel("ratio to near-optimal cost")
+    ratio.set_ylabel(f"ratio to near-optimal {'cost' if best < 0 else 'return'}")
     return _figure(axes)
+
+
+def successes(curves: Sequence[Curve], success: str) -> Figure:
+    """Shares of the starts from which intermediate policies reached the goal."""
+    axes = _axes(f"Starts that {success}", "vehicle time [s]", "share of the starts", (8.0, 2.8))
+    _draw(axes, [(curve.label, curve.times, curve.successes) for curve in curves])
+    axes.set_ylim(-0.02, 1.02)
+    return _figure(axes)
+
+
+def _draw(axes: Axes, lines: Sequence[tuple[str, list[float], list[float]]]) -> None:
+    for number, (label, x, y) in reversed(list(enumerate(lines))):
+        axes.plot(x, y, "o-", ms=3, color=FAINT if number else ACCENT, label=label)
 
 
 def solve_condition(times: Sequence[float], conditions: Sequence[float]) -> Figure:
@@ -88,10 +118,10 @@ def solve_condition(times: Sequence[float], conditions: Sequence[float]) -> Figu
 
 
 def policy_maps(task: Task, learned: Policy, best: Policy, points: int = 181) -> Figure:
-    """Greedy action over the first two state variables, learned and near-optimal."""
-    x, y = (np.linspace(task.low[d], task.high[d], points) for d in (0, 1))
+    """Greedy action over the two state variables that the task pictures, learned and best."""
+    x, y = (np.linspace(task.low[d], task.high[d], points) for d in task.pictured)
     states = np.zeros((points * points, len(task.low)))
-    states[:, :2] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    states[:, task.pictured] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     figure = Figure(figsize=(8.0, 3.8), layout="constrained")
     colours = ListedColormap(_ACTION_COLOURS[: len(task.actions)])
     edges = BoundaryNorm(np.arange(len(task.actions) + 1) - 0.5, len(task.actions))
@@ -99,35 +129,32 @@ def policy_maps(task: Task, learned: Policy, best: Policy, points: int = 181) ->
     for axes, policy, title in zip(
         panels, (learned, best), ("Learned policy", "Near-optimal policy"), strict=True
     ):
-        _label(axes, title, "position [rad]", "velocity [rad/s]" if axes is panels[0] else "")
+        _label(axes, title, *_pictured_axes(task, axes is panels[0]))
         chosen = policy(states).reshape(points, points)
         image = axes.pcolormesh(x, y, chosen, cmap=colours, norm=edges, rasterized=True)
         axes.grid(False)
     bar = figure.colorbar(image, ax=panels, ticks=range(len(task.actions)), shrink=0.8)
-    bar.set_ticklabels(
-        [
-            f"{value:+g} {task.action_unit}" if value else f"0 {task.action_unit}"
-            for value in task.actions
-        ]
-    )
+    bar.set_ticklabels(task.action_names)
     return figure
+
+
+def _pictured_axes(task: Task, leftmost: bool) -> tuple[str, str]:
+    x, y = (task.axes[d] for d in task.pictured)
+    return x, y if leftmost else ""
 
 
 def visit_maps(task: Task, demonstrated: Array, online: Array, bins: int = 60) -> Figure:
     """Where the demonstrated and the online samples lie."""
     figure = Figure(figsize=(8.0, 3.8), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
-    limits = [[task.low[d], task.high[d]] for d in (0, 1)]
+    limits = [[task.low[d], task.high[d]] for d in task.pictured]
     for axes, states, title in zip(
         panels, (demonstrated, online), ("Demonstrated", "Online"), strict=True
     ):
-        _label(
-            axes,
-            f"{title}: {len(states)} states",
-            "position [rad]",
-            "velocity [rad/s]" if axes is panels[0] else "",
-        )
-        counts, x, y = np.histogram2d(states[:, 0], states[:, 1], bins=bins, range=limits)
+        labels = _pictured_axes(task, axes is panels[0])
+        _label(axes, f"{title}: {len(states)} states", *labels)
+        across, up = states[:, task.pictured].T
+        counts, x, y = np.histogram2d(across, up, bins=bins, range=limits)
         axes.pcolormesh(
             x, y, np.where(counts > 0, counts, np.nan).T,
             norm=LogNorm(1, max(counts.max(), 2)), cmap="viridis", rasterized=True,
@@ -137,7 +164,7 @@ def visit_maps(task: Task, demonstrated: Array, online: Array, bins: int = 60) -
 
 def positions(task: Task, episodes: Sequence[Array], title: str) -> Figure:
     """First state variable of some episodes over time, a faint line each."""
-    axes = _axes(title, "time in the episode [s]", "position [rad]")
+    axes = _axes(title, "time in the episode [s]", task.axes[0])
     for states in episodes:
         time = task.dt * np.arange(len(states))
         value = np.array(states)[:, 0]
@@ -146,4 +173,42 @@ def positions(task: Task, episodes: Sequence[Array], title: str) -> Figure:
             value = np.where(jumps, np.nan, value)
         axes.plot(time, value, color=ACCENT, alpha=0.45, lw=1.2)
     axes.axhline(0.0, color=REFERENCE, lw=1)
+    return _figure(axes)
+
+
+def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
+    """Ways in the task's plane, one for each episode, among the things that stand there."""
+    axes = _axes(title, "x [m]", "z [m], upwards", (8.0, 2.8))
+    for shape in pictures.picture(task, np.zeros(len(task.low))):
+        if shape.kind == pictures.BOX and shape.name != "quadrotor":
+            (x, _, z), (wide, _, high) = shape.points[0], shape.size
+            corner = (x - wide / 2, z - high / 2)
+            axes.add_patch(Rectangle(corner, wide, high, color=shape.colour))
+    ends = endings(task, episodes)
+    shown = set()
+    for episode, end in zip(episodes, ends, strict=True):
+        way = pictures.trail(task, np.array(episode.states), episode.rewards[-1])
+        if way is None:
+            continue
+        label = None if end in shown else task.endings[end]
+        shown.add(end)
+        axes.plot(*way.T, color=_ENDING_COLOURS[end], alpha=0.35, lw=1.0, label=label)
+        axes.plot(*way[0], ".", color=INK, ms=2)
+    axes.set_aspect("equal")
+    axes.set_xlim(task.low[0] - 0.3, task.high[0] + 0.3)
+    axes.set_ylim(-2.0, 0.6)
+    axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.4, 1.0), ncols=5, fontsize=8)
+    return _figure(axes)
+
+
+def ending_shares(task: Task, ends: NDArray[np.int64], window: int) -> Figure:
+    """Shares of the ways in which episodes ended, over a moving window of episodes."""
+    axes = _axes(
+        f"How episodes ended while learning, mean of {window}", "episode", "share of episodes"
+    )
+    for way, name in enumerate(task.endings):
+        share = np.convolve(ends == way, np.ones(window) / window, "valid")
+        axes.plot(np.arange(len(share)) + window, share, color=_ENDING_COLOURS[way], label=name)
+    axes.set_ylim(-0.02, 1.02)
+    axes.legend(frameon=False, ncols=len(task.endings), fontsize=8)
     return _figure(axes)

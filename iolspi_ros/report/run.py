@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.reference import NearOptimal
-from iolspi_ros.experiments.evaluate import Evaluation, evaluate, near_optimal_policy, policy_of
-from iolspi_ros.experiments.history import History
+from iolspi_ros.experiments.evaluate import Evaluation, endings, evaluate, policy_of
+from iolspi_ros.experiments.history import Episode, History
 from iolspi_ros.report import page, plots
 from iolspi_ros.report.page import Part
+from sim_nodes import pictures
 from sim_nodes.tasks.base import Task
+
+ANIMATED = 6
+"""Episodes in the animation at most."""
 
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
@@ -35,7 +42,7 @@ def summarise(task: Task, features: Basis, history: History, best: Evaluation) -
     return {
         "task": task.name,
         "version": __version__,
-        "demonstrated_samples": len(history.demonstrated),
+        "demonstrated_samples": len(history.taught),
         "offline": history.offline,
         "episodes": len(history.scores),
         "vehicle_seconds": round(history.vehicle_time, 6),
@@ -44,8 +51,39 @@ def summarise(task: Task, features: Basis, history: History, best: Evaluation) -
         "discounted_return": last.discounted_return,
         "near_optimal_return": best.discounted_return,
         "ratio_to_near_optimal": last.discounted_return / best.discounted_return,
-        "upright_fraction": last.success_fraction,
+        "success": task.success,
+        "success_fraction": last.success_fraction,
+    } | _ends(task, history)
+
+
+def _ends(task: Task, history: History) -> dict[str, Any]:
+    """How episodes ended, where there is more than one way."""
+    if len(task.endings) == 1:
+        return {}
+    taught = history.taught
+    ends = taught.terminated | taught.truncated
+    counted = {
+        "ends_demonstrated": task.ending(taught.reward[ends], taught.terminated[ends]),
+        "ends_while_learning": endings(task, whole(history.episodes)),
+        "ends_shown": endings(task, whole(history.shown)),
     }
+    return {name: _shares(task, found) for name, found in counted.items() if len(found)}
+
+
+def _shares(task: Task, ends: NDArray[np.int64]) -> dict[str, float]:
+    counts = np.bincount(ends, minlength=len(task.endings)) / len(ends)
+    return {name: round(float(c), 4) for name, c in zip(task.endings, counts, strict=True)}
+
+
+def whole(episodes: Sequence[Episode]) -> list[Episode]:
+    """Those whose end was seen."""
+    return [episode for episode in episodes if episode.whole]
+
+
+def near_optimal_words(summary: dict[str, Any]) -> str:
+    """What the ratio to the near-optimal return is of: rewards may be costs."""
+    cost = summary["near_optimal_return"] < 0
+    return "times the near-optimal cost" if cost else "times the near-optimal return"
 
 
 def finish(
@@ -55,6 +93,7 @@ def finish(
     task: Task,
     features: Basis,
     history: History,
+    best_policy: NearOptimal,
     extra: dict[str, Any],
     beside: tuple[OnlineLSPI, History] | None = None,
 ) -> dict[str, Any]:
@@ -68,6 +107,8 @@ def finish(
     task : Task
     features : Basis
     history : History
+    best_policy : NearOptimal
+        The yardstick.
     extra : dict
         What only the caller knows, for the summary.
     beside : (OnlineLSPI, History), optional
@@ -78,20 +119,23 @@ def finish(
     dict
         The summary.
     """
-    best_policy = near_optimal_policy(task)
     best = evaluate(task, best_policy)
     summary = summarise(task, features, history, best) | extra
-    curves = [("learned, greedy", *_curve(task, features, history))]
+    curves = [_curve("learned, greedy", task, features, history)]
+    if history.policies[0].number == 0:
+        summary["success_fraction_offline"] = curves[0].successes[0]
     if beside and beside[1].policies:
-        literal = _curve(task, beside[0].features, beside[1])
-        curves.append(("thesis' algorithm to the letter", *literal))
-        summary["literal_ratio_to_near_optimal"] = literal[1][-1] / best.discounted_return
+        curves.append(
+            _curve("thesis' algorithm to the letter", task, beside[0].features, beside[1])
+        )
+        summary["literal_ratio_to_near_optimal"] = curves[1].returns[-1] / best.discounted_return
+        summary["literal_success_fraction"] = curves[1].successes[-1]
     parts = _shown(task, history)
     parts += _learning(task, history, curves, best)
     parts += _maps(task, features, history, best_policy)
     facts = [
-        (f"{summary['ratio_to_near_optimal']:.3f}", "times the near-optimal cost"),
-        (f"{summary['upright_fraction']:.0%}", "of the starts end upright"),
+        (f"{summary['ratio_to_near_optimal']:.3f}", near_optimal_words(summary)),
+        (f"{summary['success_fraction']:.0%}", f"of the starts {task.success}"),
         (f"{summary['vehicle_seconds']:.0f} s", "of vehicle time learning online"),
         (f"{summary['demonstrated_samples']}", "demonstrated samples"),
     ]
@@ -102,23 +146,41 @@ def finish(
 
 def _shown(task: Task, history: History) -> list[Part]:
     """What the vehicle does at the end, if it was shown."""
-    if not history.shown:
+    episodes = whole(history.shown)
+    if not episodes:
         return []
-    n = len(history.shown)
-    episodes = [np.array(states) for states in history.shown]
-    figure = plots.positions(task, episodes, f"The last {n} episodes: greedy, not learning")
-    moving = [Part("", page.swing(episodes[-1], task.dt))] if task.name == "pendulum" else []
-    says = "One line per start. At zero the goal is reached; a line that stays there holds it."
-    return [*moving, Part("What it does now", figure, says)]
+    some = episodes[:: -(-len(episodes) // ANIMATED)]
+    films = [pictures.film(task, e.states, e.rewards[-1]) for e in some]
+    moving = []
+    if films[0][0]:
+        ways = task.endings if len(task.endings) > 1 else ("",)
+        ends = [ways[end] for end in endings(task, some)]
+        heading = "Some of the last episodes, as the graph flew them"
+        moving = [Part("", page.animation(heading, films, ends, task.dt))]
+    title = f"The last {len(episodes)} episodes: greedy, not learning"
+    return [*moving, Part("What it does now", *_flown(task, episodes, title))]
 
 
-def _curve(task: Task, features: Basis, history: History) -> tuple[list[float], list[float]]:
-    """Times and discounted returns of the policies of a run."""
-    returns = [
-        evaluate(task, policy_of(policy.weights, features)).discounted_return
-        for policy in history.policies
-    ]
-    return [policy.time for policy in history.policies], returns
+def _flown(task: Task, episodes: Sequence[Episode], title: str) -> tuple[Figure, str]:
+    """Whole episodes in one figure, and how to read it."""
+    first = episodes[0]
+    if pictures.trail(task, np.array(first.states), first.rewards[-1]) is None:
+        states = [np.array(episode.states) for episode in episodes]
+        says = "One line per start. At zero the goal is reached; a line that stays there holds it."
+        return plots.positions(task, states, title), says
+    says = "One line per start, which is the dot: the way of what hangs below, and of its fall."
+    return plots.trails(task, episodes, title), says
+
+
+def _curve(label: str, task: Task, features: Basis, history: History) -> plots.Curve:
+    """What the policies of a run were worth."""
+    flown = [evaluate(task, policy_of(policy.weights, features)) for policy in history.policies]
+    return plots.Curve(
+        label,
+        [policy.time for policy in history.policies],
+        [one.discounted_return for one in flown],
+        [one.success_fraction for one in flown],
+    )
 
 
 def _judged(history: History) -> str:
@@ -139,14 +201,17 @@ def _judged(history: History) -> str:
 def _learning(
     task: Task,
     history: History,
-    curves: list[tuple[str, list[float], list[float]]],
+    curves: list[plots.Curve],
     best: Evaluation,
 ) -> list[Part]:
     """How it got there."""
     times = [policy.time for policy in history.policies]
     conditions = [policy.condition for policy in history.policies]
-    last = [np.array(states) for states in history.episodes[-10:]]
-    score = plots.learning_score(history.scores, task.dt * task.episode_steps)
+    time = np.cumsum([task.dt * (len(episode.states) - 1) for episode in history.episodes])
+    flown = min(len(time), len(history.scores))
+    score = plots.learning_score(time[:flown], history.scores[:flown])
+    last = whole(history.episodes)[-10:]
+    exploring = _flown(task, last, "The last episodes of learning") if last else None
     return [
         Part(
             "How good each policy was",
@@ -154,12 +219,14 @@ def _learning(
             "After each update, the greedy policy flown from every start on the model, learning "
             "turned off. The red line is the best that is possible, nearly.",
         ),
+        Part("How often they reach the goal", plots.successes(curves, task.success), "The same."),
         Part(
             "What it earned while learning",
             score,
             "Sum of rewards of each episode, with its exploring actions.",
         ),
-        Part("While still exploring", plots.positions(task, last, "The last episodes of learning")),
+        *_ending_shares(task, history),
+        *([Part("While still exploring", *exploring)] if exploring else []),
         Part(
             "Health of the solves",
             plots.solve_condition(times, conditions),
@@ -168,17 +235,28 @@ def _learning(
     ]
 
 
+def _ending_shares(task: Task, history: History) -> list[Part]:
+    """How episodes ended while learning, where there is more than one way."""
+    episodes = whole(history.episodes)
+    if len(task.endings) == 1 or len(episodes) < 2:
+        return []
+    window = max(2, min(100, len(episodes) // 5))
+    figure = plots.ending_shares(task, endings(task, episodes), window)
+    return [Part("How safe learning was", figure, "With its exploring actions, from the start.")]
+
+
 def _maps(task: Task, features: Basis, history: History, best_policy: NearOptimal) -> list[Part]:
     """What it would do where, and where it has been."""
     n_dims = len(task.low)
-    online = np.array([s for episode in history.episodes for s in episode]).reshape(-1, n_dims)
-    demonstrated = np.array(history.demonstrated).reshape(-1, n_dims)
+    flown = [state for episode in history.episodes for state in episode.states]
+    online = np.array(flown).reshape(-1, n_dims)
     learned = policy_of(history.policies[-1].weights, features)
     return [
         Part(
             "What it would do where",
             plots.policy_maps(task, learned, best_policy),
-            "Compare them where the vehicle has been (below); elsewhere nothing was learned.",
+            "Compare them where the vehicle has been (below); elsewhere nothing was learned."
+            + (" Where the state has more variables, they are zero here." * (n_dims > 2)),
         ),
-        Part("Where it has been", plots.visit_maps(task, demonstrated, online)),
+        Part("Where it has been", plots.visit_maps(task, history.taught.state, online)),
     ]

@@ -7,10 +7,15 @@ from typing import Any
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import from_mapping
 from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.cart_pole import CartPole
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad
 
-TASKS: dict[str, type[Any]] = {"pendulum": Pendulum, "slung_load": SlungLoad}
+TASKS: dict[str, type[Any]] = {
+    "pendulum": Pendulum,
+    "slung_load": SlungLoad,
+    "cart_pole": CartPole,
+}
 
 
 def task_class(name: str) -> type[Any]:

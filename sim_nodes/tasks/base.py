@@ -25,12 +25,16 @@ class Task(Protocol):
     actions: tuple[float, ...]
     """Physical value of each action, in `action_unit`."""
     action_unit: str
+    action_names: tuple[str, ...]
+    """The same for people."""
     neutral: int
     """Index of the action that does nothing."""
     dt: float
     """Sampling time T_s [s]."""
     episode_steps: int
     """Steps after which the clock cuts an episode."""
+    study: int
+    """Episodes in which the task can be learned: what a demo flies by default."""
     gamma: float
     """Discount factor of the return that is reported."""
     low: tuple[float, ...]
@@ -38,6 +42,14 @@ class Task(Protocol):
     """Limits of the states that occur, per dimension."""
     periodic: tuple[bool, ...]
     """Dimensions that wrap around from `high` to `low`."""
+    axes: tuple[str, ...]
+    """What each dimension of the state is, with its unit."""
+    pictured: tuple[int, int]
+    """The two dimensions over which maps are drawn; the others are zero there."""
+    success: str
+    """What an episode that reached its goal did, as in: all of them end upright."""
+    endings: tuple[str, ...]
+    """Ways in which an episode ends; the first is that the clock cut it."""
     reference_points: tuple[int, ...]
     """Grid points per dimension that the near-optimal policy takes."""
     reference_lookahead: int
@@ -87,6 +99,10 @@ class Task(Protocol):
 
     def draw_initial(self, rng: np.random.Generator) -> Array:
         """One initial condition at random, shape (n_dims,)."""
+        ...
+
+    def ending(self, reward: Array, terminated: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Which of `endings` the last steps of episodes were, by what they gave; shape (n,)."""
         ...
 
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:

@@ -110,13 +110,19 @@ class Pendulum(Settings):
     joints = ("shaft",)
     actions = _VOLTAGES
     action_unit = "V"
+    action_names = ("-3 V", "0 V", "+3 V")
     neutral = 1
     dt = 0.005
     episode_steps = 300
+    study = 80
     gamma = 0.98
     low = (-np.pi, -RATE_LIMIT)
     high = (np.pi, RATE_LIMIT)
     periodic = (True, False)
+    axes = ("angle [rad]", "rate [rad/s]")
+    pictured = (0, 1)
+    success = "end upright"
+    endings = ("time-out",)
     reference_points = (301, 301)
     reference_lookahead = 1
     compiled = staticmethod(_step)
@@ -166,6 +172,10 @@ class Pendulum(Settings):
         """One of the initial states, all as likely."""
         states = self.initial_states()
         return states[rng.integers(len(states))]
+
+    def ending(self, reward: Array, terminated: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """All by the clock: nothing else ends this task."""
+        return np.zeros(np.shape(reward), np.int64)
 
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether each episode is upright within 15° for the whole of its last 0.5 s."""

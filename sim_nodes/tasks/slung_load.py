@@ -68,18 +68,39 @@ def outcome(reward: Any, terminated: Any) -> NDArray[np.int64]:
 
 
 @njit(cache=True)
-def _dunks(state: Array, parameters: Array) -> bool:
-    """Whether a load released here falls into the basket: a parabola, z pointing down."""
+def _fall(state: Array, parameters: Array) -> tuple[float, float]:
+    """Time until a load released here crosses the rim's plane from above [s], and x there [m].
+
+    A parabola, z pointing down. Both are NaN when it hangs below the plane already.
+    """
     x, speed, angle, rate = state
-    g, L, goal, margin, rim = parameters[:5]
+    g, L, rim = parameters[0], parameters[1], parameters[4]
     sine, cosine = math.sin(angle), math.cos(angle)
     above = rim - L * cosine
     if above < 0.0:
-        return False  # it hangs below the rim already
+        return math.nan, math.nan
     sinking = -L * sine * rate
     time = (math.sqrt(sinking * sinking + 2.0 * g * above) - sinking) / g  # the later crossing
-    landing = x + L * sine + (speed + L * cosine * rate) * time
-    return abs(landing - goal) <= margin
+    return time, x + L * sine + (speed + L * cosine * rate) * time
+
+
+@njit(cache=True)
+def _dunks(state: Array, parameters: Array) -> bool:
+    """Whether a load released here falls into the basket."""
+    goal, margin = parameters[2:4]
+    _, landing = _fall(state, parameters)
+    return abs(landing - goal) <= margin  # not for NaN
+
+
+@njit(cache=True)
+def _judge(state: Array, following: Array, parameters: Array) -> tuple[float, bool]:
+    """Reward and end of a step with the load on its cable (T Eq. 20)."""
+    left, right = parameters[5:7]
+    if following[0] < left or following[0] > right:
+        return WALL, True
+    if abs(following[2]) > math.pi / 2:
+        return CABLE, True
+    return -0.5 * abs(state[0] - parameters[2]), False
 
 
 @njit(cache=True)
@@ -88,8 +109,8 @@ def _step(
 ) -> tuple[float, bool]:
     """One T_s by Euler's method (T Eqs. 18, 19); reward and end of T Eq. 20."""
     x, speed, angle, rate = state
-    g, L, goal = parameters[:3]
-    left, right, h = parameters[5:]
+    g, L = parameters[:2]
+    h = parameters[7]
     a = _ACCELERATIONS[action] + noise
     following[0] = x + speed * h
     following[1] = speed + a * h
@@ -97,11 +118,7 @@ def _step(
     following[3] = rate - (math.cos(angle) * a + math.sin(angle) * g / L) * h
     if action == RELEASE:
         return (DUNK if _dunks(state, parameters) else MISS), True
-    if following[0] < left or following[0] > right:
-        return WALL, True
-    if abs(following[2]) > math.pi / 2:
-        return CABLE, True
-    return -0.5 * abs(x - goal), False
+    return _judge(state, following, parameters)
 
 
 @guvectorize(
@@ -147,14 +164,20 @@ class SlungLoad(Settings):
     joints = ("quadrotor", "load")
     actions = _ACCELERATIONS
     action_unit = "m/s^2"
+    action_names = ("-3 m/s²", "0", "+3 m/s²", "release")
     neutral = 1
     dt = 0.1
     episode_steps = 50
+    study = 1000
     gamma = 0.98
     # From rest, 26 steps of 0.3 m/s reach the farther wall; no load swings faster than 6.2 rad/s.
     low = (-6.5, -7.8, -np.pi / 2, -6.5)
     high = (3.0, 7.8, np.pi / 2, 6.5)
     periodic = (False, False, False, False)
+    axes = ("position [m]", "speed [m/s]", "angle of the cable [rad]", "its rate [rad/s]")
+    pictured = (0, 2)
+    success = "end with a dunk"
+    endings = ("time-out", "dunk", "miss", "crash: cable", "crash: wall")  # by `Outcome`
     reference_points = (39, 53, 61, 53)  # ẋ only takes multiples of 0.3 m/s: 53 points hit them
     reference_lookahead = 4
     compiled = staticmethod(_step)
@@ -200,7 +223,51 @@ class SlungLoad(Settings):
         x = rng.uniform(*_RANGES[self.initial])
         return np.array((x, 0.0, rng.uniform(-_WIDEST_ANGLE, _WIDEST_ANGLE), 0.0))
 
+    def landing(self, state: Array) -> float | None:
+        """Where a load released here crosses the rim's plane, x [m]; None if it hangs below."""
+        _, x = _fall(state, self.parameters(0.0))
+        return None if math.isnan(x) else float(x)
+
+    def fall(self, state: Array, times: Array) -> Array:
+        """Positions of a load released here: x to the right, z upwards from the quadrotor [m].
+
+        Parameters
+        ----------
+        state : ndarray of shape (4,)
+        times : ndarray of shape (n,)
+            Since the release [s].
+
+        Returns
+        -------
+        ndarray of shape (n, 2)
+        """
+        x, speed, angle, rate = state.tolist()
+        sine, cosine = math.sin(angle), math.cos(angle)
+        across = x + self.length * sine + (speed + self.length * cosine * rate) * times
+        up = -self.length * cosine + self.length * sine * rate * times - self.g / 2 * times**2
+        return np.column_stack([across, up])
+
+    def ending(self, reward: Array, terminated: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """By the reward, as values of `Outcome`."""
+        return outcome(reward, terminated)
+
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether each episode ended with the load in the basket."""
         dunked: NDArray[np.bool_] = np.any(rewards == DUNK, axis=0)
         return dunked
+
+    def judge(self, state: Array, following: Array) -> tuple[float, bool]:
+        """Reward and end of a step that was flown with the load on its cable, not computed.
+
+        Parameters
+        ----------
+        state, following : ndarray of shape (4,)
+            As measured, one sampling time apart.
+        """
+        reward, terminated = _judge(state, following, self.parameters(0.0))
+        return float(reward), bool(terminated)
+
+    def landed(self, landing: float | None) -> float:
+        """Reward for a load that crossed the rim's plane at x [m], or (None) never was above it."""
+        inside = landing is not None and abs(landing - self.goal) <= self.margin
+        return DUNK if inside else MISS

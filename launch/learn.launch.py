@@ -1,27 +1,27 @@
-"""The pendulum: simulator, demonstrator and learner, from config/pendulum.yaml.
+"""One task: simulator, demonstrator and learner, from config/TASK.yaml.
 
-ros2 launch iolspi_ros pendulum.launch.py demonstration:=2 mode:=realtime
+ros2 launch iolspi_ros learn.launch.py task:=slung_load demonstration:=2 mode:=realtime
 """
-
-from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
 from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
-    share = Path(get_package_share_directory("iolspi_ros"))
-    config = str(share / "config" / "pendulum.yaml")
-    mode, seed = LaunchConfiguration("mode"), LaunchConfiguration("seed")
-    number = LaunchConfiguration("demonstration")
-    bag = [str(share / "demos" / "pendulum" / "set_"), number]
+    share = get_package_share_directory("iolspi_ros")
+    task, mode, seed = (LaunchConfiguration(name) for name in ("task", "mode", "seed"))
+    config = ParameterFile([f"{share}/config/", task, ".yaml"])
+    bag = [f"{share}/demos/", task, "/set_", LaunchConfiguration("demonstration")]
     return LaunchDescription(
         [
+            DeclareLaunchArgument(
+                "task", default_value="pendulum", choices=["pendulum", "slung_load"]
+            ),
             DeclareLaunchArgument(
                 "mode", default_value="lockstep", choices=["lockstep", "realtime"]
             ),

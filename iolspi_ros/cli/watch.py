@@ -1,0 +1,64 @@
+"""Following a graph of ours from a command: its folder, and how far it has come."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from iolspi_ros import resources
+from iolspi_ros.cli.progress import bar
+from iolspi_ros.errors import InputError
+
+if TYPE_CHECKING:
+    from iolspi_ros.graph import Graph
+    from iolspi_ros.nodes.monitor import Monitor
+
+
+def fresh(out: Path, mark: str) -> Path:
+    """An empty folder; what an earlier run of the same command left there goes.
+
+    Parameters
+    ----------
+    out : Path
+    mark : str
+        A file that the command leaves in its folders, by which it knows them.
+    """
+    if out.is_dir() and any(out.iterdir()) and not (out / mark).is_file():
+        raise InputError(f"--out {out} holds other files; allowed: a new folder, or one of this")
+    shutil.rmtree(out, ignore_errors=True)
+    resources.make_folder(out)
+    return out
+
+
+class Watch:
+    """Shows how far a graph has come, and ends when one of its nodes does.
+
+    Parameters
+    ----------
+    nodes : Graph
+    monitor : Monitor
+    """
+
+    def __init__(self, nodes: Graph, monitor: Monitor) -> None:
+        self._nodes, self._monitor = nodes, monitor
+
+    def wait(self, ready: Callable[[], bool], seconds: float, what: str) -> None:
+        """Wait for something to happen within some seconds."""
+
+        def looked() -> bool:
+            self._nodes.check()
+            return ready()
+
+        self._monitor.wait(looked, seconds, what)
+
+    def follow(self, what: str, total: int, done: Callable[[], int], seconds: float) -> None:
+        """Show a number growing to its total, within some seconds."""
+        with bar(what, total) as show:
+
+            def ready() -> bool:
+                show(done())
+                return done() >= total
+
+            self.wait(ready, seconds, what)

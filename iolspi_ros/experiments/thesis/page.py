@@ -1,0 +1,138 @@
+"""The page that holds T's statements beside what was measured, made from what is saved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from iolspi_ros import __version__
+from iolspi_ros.core.checkpoint import atomic_file
+from iolspi_ros.errors import InputError
+from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding, Verdict, shortfall, verdict
+from iolspi_ros.experiments.thesis.study import Rows, Study, read_rows, write_rows
+from iolspi_ros.experiments.versions import libraries
+
+CLAIMS = "claims.csv"
+_COLUMNS = ("where", "claim", "setting", "realisations", "measured", "verdict", "why")
+CLAIM_COLUMNS = ("study", *_COLUMNS)
+
+
+def save(study: Study, data: Data, folder: Path) -> Rows:
+    """Write a study's rows, draw its figure from the file, and decide its claims.
+
+    Returns
+    -------
+    list of dict
+        A row for each claim.
+    """
+    file = folder / f"{study.name}.csv"
+    write_rows(file, study.tabulate(data))
+    draw(study, folder)
+    return [
+        {
+            "study": study.name,
+            "where": claim.where,
+            "claim": claim.text,
+            "setting": claim.setting,
+            "realisations": max((cell.seeds for cell in study.cells), default=0),
+            "measured": "; ".join(finding.describe() for finding in findings),
+            "verdict": verdict(findings).value,
+            "why": _why(claim, findings),
+        }
+        for claim in study.claims
+        for findings in [claim.decide(data)]
+    ]
+
+
+def _why(claim: Claim, findings: list[Finding]) -> str:
+    """What keeps a claim from being reproduced, as far as measured."""
+    short = shortfall(findings)
+    return f"{claim.why}. {short}" if short and claim.why else short
+
+
+def draw(study: Study, folder: Path) -> None:
+    """Draw a study's figure from its saved rows, if it has one."""
+    if study.draw is None:
+        return
+    figure = study.draw(read_rows(folder / f"{study.name}.csv"))
+    try:
+        with atomic_file(folder / f"{study.name}.png") as out:
+            figure.savefig(out, format="png", dpi=80)
+    except OSError as error:
+        raise InputError(
+            f"figures cannot be written to {folder}: {error.strerror}; "
+            "allowed: a folder with room that you may write to"
+        ) from error
+
+
+def write(studies: Sequence[Study], folder: Path) -> Path:
+    """Write thesis.md beside the folder that holds rows and figures, from those alone.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    rows = read_rows(folder / CLAIMS)
+    said = [row for row in rows if row["where"] != OURS]
+    ours = [row for row in rows if row["where"] == OURS]
+    verdicts = [row["verdict"] for row in said]
+    counts = ", ".join(f"{verdicts.count(v.value)} {v.value}" for v in Verdict)
+    made = f"iolspi_ros {__version__}, " + ", ".join(f"{k} {v}" for k, v in libraries().items())
+    lines = [*_HEAD, f"{len(said)} claims: {counts}. Computed with {made}.", "", *_table(said)]
+    if ours:
+        lines += ["## What T does not say", "", *_table(ours)]
+    for study in studies:
+        lines += [f"## {study.name}: {study.title}", "", f"T {study.where}.", ""]
+        if study.draw is not None:
+            lines += [f"![{study.title}]({folder.name}/{study.name}.png)", ""]
+        else:
+            lines += _plain(read_rows(folder / f"{study.name}.csv"))
+    path = folder.with_suffix(".md")
+    try:
+        with atomic_file(path) as file:
+            file.write("\n".join(lines).encode())
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from error
+    return path
+
+
+_HEAD = (
+    "# The thesis, claim by claim",
+    "",
+    "Made by `iolspi reproduce` from the CSV files beside its figures; nothing here is written by "
+    "hand. T is the thesis (see `architecture.md`); its figures did not survive, so its words are "
+    "compared. Each claim is decided by 95 % intervals over realisations (T 9-16, 9-17), mostly "
+    "of a difference taken seed by seed: *reproduced* when every part of it holds for the whole "
+    "interval, *not* when none does, *partly* when some parts hold or an interval leaves it open. "
+    "n is the largest number of realisations of its settings; a figure's legend gives each "
+    "curve's. The demonstrations are those of a scripted pilot, where T had a person. "
+    "Dashed curves are the refreshed learner, of fewer realisations; the red line is the "
+    "near-optimal policy, without exploration.",
+    "",
+)
+
+
+def _table(claims: Rows) -> list[str]:
+    return [
+        "| where | claim | setting | n | measured: mean (95 %; wanted) | verdict | why |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        *("| " + " | ".join(_escaped(row[key]) for key in _COLUMNS) + " |" for row in claims),
+        "",
+    ]
+
+
+def _plain(rows: Rows) -> list[str]:
+    """Rows of a table of T, as they are."""
+    head = list(rows[0])
+    return [
+        "| " + " | ".join(name.replace("_", " ") for name in head) + " |",
+        "| --- " * len(head) + "|",
+        *("| " + " | ".join(_escaped(row[name]) for name in head) + " |" for row in rows),
+        "",
+    ]
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|")

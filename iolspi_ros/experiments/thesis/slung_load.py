@@ -1,0 +1,172 @@
+"""T IV-B and chapter 11, the quadrotor with a slung load: figures 21 and 22, table 3."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.experiments.dropping import INFORMED, ONLINE, Dropping, best, drop
+from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.statistics import interval, intervals
+from iolspi_ros.experiments.thesis import drawing
+from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
+from iolspi_ros.experiments.thesis.slung_load_claims import (
+    BIN,
+    CLAIMS,
+    CONSTANT,
+    GREEDY,
+    INFORMED_T,
+    NARROW,
+    NARROW_INFORMED,
+    NARROW_LARGE,
+    ONLINE_T,
+    REFRESHED_T,
+    SHIELDED,
+    binned,
+)
+from iolspi_ros.experiments.thesis.study import Rows, Study
+
+Array = NDArray[np.float64]
+
+SET = "set 5"
+"""Of the demonstrations: explore, a third of the actions random, T's best for the pendulum."""
+LARGE = (5, 4, 7, 4)
+"""Centres of the larger grid: 2,240 functions, the velocities among them."""
+SHORTER = 6_000
+"""Episodes of what takes long or has long converged by then."""
+
+_REFRESHED = replace(INFORMED, algorithm="refreshed", refresh_iterations=2)
+_LARGER = replace(INFORMED, centers=LARGE)
+_GRIDS = {36: (9, 1, 1, 1), 324: (9, 1, 9, 1), 2916: (9, 9, 9, 1)}
+T_TABLE_3 = {36: 10.2, 324: 18.5, 2916: 349.5}
+"""Seconds of Matlab R2015a; 26,244 functions did not fit in its memory."""
+
+
+def _cell(label: str, setting: Dropping, cost: float, seeds: int = 20) -> Cell:
+    return Cell(label, drop, setting, seeds, cost)
+
+
+def safety() -> tuple[Cell, ...]:
+    """What figures 21 and 22 and `iolspi bench safety` are computed from."""
+    return (
+        _cell(ONLINE_T, Dropping(ONLINE), 6.0),
+        _cell(INFORMED_T, Dropping(INFORMED, samples=SET), 8.0),
+        _cell(REFRESHED_T, Dropping(_REFRESHED, samples=SET, episodes=SHORTER, looks=6), 20.0),
+        _cell(GREEDY, Dropping(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0),
+        _cell(SHIELDED, Dropping(replace(_LARGER, shield=True), samples=SET, episodes=SHORTER,
+                                 looks=6), 50.0),
+        Cell(NEAR_OPTIMAL, best, Dropping(), 1, 30.0),
+    )  # fmt: skip
+
+
+def narrow() -> tuple[Cell, ...]:
+    """From the narrow initial conditions (T 11-2), and epsilon = 0.01 from nothing (T 11-1)."""
+    return (
+        _cell(CONSTANT, Dropping(INFORMED), 3.0),
+        _cell(NARROW, Dropping(ONLINE, "narrow"), 3.0),
+        _cell(NARROW_INFORMED, Dropping(INFORMED, "narrow", SET), 4.0),
+        _cell(NARROW_LARGE, Dropping(_LARGER, "narrow", SET, SHORTER, 6), 30.0),
+    )
+
+
+def studies() -> list[Study]:
+    """Every study of this part, in T's order."""
+    title = "Quadrotor with a slung load"
+    return [
+        Study("fig21", f"{title}: sum of rewards per episode", "Part I, IV-B-1, Fig. 21", safety(),
+              _scores, drawing.curves(title, "sum of rewards per episode", -40.0, "episodes"),
+              CLAIMS["fig21"]),
+        Study("fig22", f"{title}: how episodes end", "Part I, IV-B-1, Fig. 22", safety(),
+              _shares, _draw_shares, CLAIMS["fig22"]),
+        Study("narrow", f"{title}: narrow initial conditions", "11-1 and 11-2", narrow(),
+              _shares, _draw_shares, CLAIMS["narrow"]),
+        Study("table3", f"{title}: time of 1,000 episodes", "Part I, IV-B-1, Table 3", _timed(),
+              _times, claims=CLAIMS["table3"]),
+    ]  # fmt: skip
+
+
+def _timed() -> tuple[Cell, ...]:
+    cells = []
+    for functions, grid in _GRIDS.items():
+        learner = replace(ONLINE, centers=grid, epsilon_decay=0.995)
+        cells.append(Cell(f"{functions} functions", timed, learner, 3, 0.003 * functions))
+    return tuple(cells)
+
+
+def timed(setting: LearnerSettings, seed: int) -> Mapping[str, Any]:
+    """Seconds of 1,000 episodes from nothing, when everything is compiled."""
+    drop(Dropping(setting, episodes=2, looks=1), seed)
+    begin = time.perf_counter()
+    flown = drop(Dropping(setting, episodes=1000, looks=1), seed)
+    return {"seconds": time.perf_counter() - begin, "samples": flown["steps"]}
+
+
+def _times(data: Data) -> Rows:
+    found: Rows = []
+    for functions, (label, cell) in zip(_GRIDS, data.items(), strict=True):
+        mean, low, high = interval(cell["seconds"])
+        found.append(
+            {"functions": functions, "seconds": mean, "low": low, "high": high,
+             "samples": float(cell["samples"].mean()), "T": T_TABLE_3[functions], "cell": label}
+        )  # fmt: skip
+    return found
+
+
+def _scores(data: Data) -> Rows:
+    found: Rows = []
+    for label, cell in data.items():
+        score = cell["score"]
+        if label == NEAR_OPTIMAL:
+            last = max(other["score"].shape[-1] for other in data.values() if other is not cell)
+            count = last // BIN
+            values: Array = np.broadcast_to(score[:, None], (len(score), count))
+        else:
+            count = score.shape[1] // BIN
+            values = score[:, : count * BIN].reshape(len(score), count, BIN).mean(axis=2)
+        for k, (mean, low, high) in enumerate(zip(*intervals(values), strict=True)):
+            found.append({"curve": label, "x": (k + 0.5) * BIN, "mean": mean, "low": low,
+                          "high": high, "n": len(score)})  # fmt: skip
+    return found
+
+
+def _shares(data: Data) -> Rows:
+    found: Rows = []
+    for label, cell in data.items():
+        if label == NEAR_OPTIMAL:
+            continue
+        for what in ("crashes", "misses", "dunks"):
+            values = 100.0 * binned(cell["ending"], what)
+            for k, (mean, low, high) in enumerate(zip(*intervals(values), strict=True)):
+                found.append({"curve": label, "what": what, "x": (k + 0.5) * BIN, "mean": mean,
+                              "low": low, "high": high, "n": len(values)})  # fmt: skip
+    return found
+
+
+def _draw_shares(rows: Rows) -> Figure:
+    """Three panels: per cent of crashes, misses and dunks over episodes."""
+    figure = Figure(figsize=(7.5, 8.0), layout="constrained")
+    names = list(dict.fromkeys(row["curve"] for row in rows))
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, what in zip(panels, ("crashes", "misses", "dunks"), strict=True):
+        for number, name in enumerate(names):
+            mine = [row for row in rows if row["curve"] == name and row["what"] == what]
+            x, mean, low, high = (
+                np.array([float(row[key]) for row in mine]) for key in ("x", "mean", "low", "high")
+            )
+            colour = colormaps["tab10"](number)
+            axes.plot(x, mean, color=colour, lw=1.3, label=f"{name} ({mine[0]['n']})")
+            axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
+        axes.set_ylabel(f"{what} [%]")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(True, color="#e9ecef")
+    panels[0].legend(frameon=False, fontsize=8)
+    panels[-1].set_xlabel("episodes")
+    return figure

@@ -1,0 +1,1 @@
+"""MAVLink autopilots in place of the simulator: link, profiles, envelope, authority, node."""

@@ -1,0 +1,170 @@
+"""Who commands the vehicle: one pure function of what is known, with its time-outs.
+
+The ladder down is: a fresh action, else neutral, else brake and hold, else land.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from iolspi_ros.settings import Settings, setting
+
+
+class Commander(IntEnum):
+    """Who commands. The numbers are those on the topic `authority`."""
+
+    NOBODY = 0
+    """Nothing is sent but heartbeats: not active, or not flying."""
+    BRIDGE = 1
+    """Take-off, flight to the next initial condition, and what comes after an episode."""
+    ACTOR = 2
+    """Whoever answers on `action`."""
+    NEUTRAL = 3
+    """No fresh action: no acceleration along the track."""
+    HOLD = 4
+    """Brake, and stay there."""
+    LAND = 5
+    """The autopilot's own landing."""
+    PILOT = 6
+    """A person's stick."""
+    OTHER = 7
+    """The autopilot itself or another ground station; the bridge does not argue."""
+
+
+@dataclass(frozen=True)
+class Timeouts(Settings):
+    """How long each step of the ladder is waited for. Vehicle times."""
+
+    action_timeout: float = setting(
+        0.15, "neutral when a state was not answered for this long [s]", low=0.01, high=10.0
+    )
+    neutral_time: float = setting(
+        0.15, "brake and hold after so long without a fresh action [s]", low=0.0, high=10.0
+    )
+    land_after: float = setting(
+        60.0, "land when nobody has answered for this long [s]", low=1.0, high=1e6
+    )
+    telemetry_timeout: float = setting(
+        0.4, "hold when nothing, or no position, was heard for this long [s]", low=0.05, high=10.0
+    )
+    estimator_timeout: float = setting(
+        1.0, "land when the autopilot has not known where it is for this long [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
+    load_timeout: float = setting(
+        0.5, "hold when the load was not heard of for this long [s]", low=0.05, high=10.0
+    )
+    round_trip_limit: float = setting(
+        0.4, "hold when the way to the autopilot and back takes longer [s]", low=0.01, high=10.0
+    )
+    joy_timeout: float = setting(
+        0.5, "a stick that was not heard for this long [s] is not there", low=0.05, high=10.0
+    )
+
+
+class Situation(NamedTuple):
+    """What is known. Ages in s; infinite for never.
+
+    Attributes
+    ----------
+    active : bool
+        The node is active and has begun to fly.
+    silence : float
+        Since the vehicle was heard at all.
+    telemetry_age : float
+        Since its last position.
+    armed, controlled : bool
+        By its last heartbeat; in the mode in which it obeys setpoints.
+    lost : float
+        For how long the autopilot has not known where it is.
+    round_trip : float
+        To the autopilot and back.
+    load_age : float
+        Since the load was heard of; zero when its swing is estimated.
+    episode : bool
+        One is running.
+    action_age : float
+        Since the state that the newest action answers.
+    alone : float
+        For how long nobody has answered at all.
+    violation : str
+        What is beyond the envelope; empty inside.
+    pilot, deadman : bool
+        A person has taken over; a person lets the learner fly.
+    jumped : bool
+        The autopilot's clock is not what it was.
+    paused : bool
+        A person has asked to wait.
+    """
+
+    active: bool = True
+    silence: float = 0.0
+    telemetry_age: float = 0.0
+    armed: bool = True
+    controlled: bool = True
+    lost: float = 0.0
+    round_trip: float = 0.0
+    load_age: float = 0.0
+    episode: bool = False
+    action_age: float = 0.0
+    alone: float = 0.0
+    violation: str = ""
+    pilot: bool = False
+    deadman: bool = True
+    jumped: bool = False
+    paused: bool = False
+
+
+class Verdict(NamedTuple):
+    """Who commands, and why not the one above."""
+
+    commander: Commander
+    reason: str = ""
+
+
+def decide(s: Situation, timeouts: Timeouts) -> Verdict:
+    """Who commands in a situation."""
+    if not s.active:
+        return Verdict(Commander.NOBODY, "not active")
+    if s.silence > timeouts.telemetry_timeout:
+        return Verdict(Commander.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
+    if not s.armed:
+        return Verdict(Commander.OTHER, "the vehicle was disarmed")
+    if not s.controlled:
+        return Verdict(Commander.OTHER, "somebody changed the mode")
+    if s.lost > timeouts.estimator_timeout:
+        return Verdict(Commander.LAND, "the autopilot has lost its position estimate")
+    if s.telemetry_age > timeouts.telemetry_timeout:
+        return Verdict(Commander.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
+    if s.pilot:
+        return Verdict(Commander.PILOT, "a person has taken over")
+    if s.violation:
+        return Verdict(Commander.HOLD, f"envelope: {s.violation}")
+    if s.jumped:
+        return Verdict(Commander.HOLD, "the autopilot's clock has jumped")
+    if s.round_trip > timeouts.round_trip_limit:
+        return Verdict(
+            Commander.HOLD, f"the link is slow: over {timeouts.round_trip_limit:g} s there and back"
+        )
+    if s.paused:
+        return Verdict(Commander.HOLD, "paused")
+    if not s.deadman:
+        return Verdict(Commander.HOLD, "the deadman's button was let go")
+    if s.load_age > timeouts.load_timeout:
+        return Verdict(Commander.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
+    if s.alone > timeouts.land_after:
+        return Verdict(Commander.LAND, f"nobody has answered for {timeouts.land_after:g} s")
+    if not s.episode:
+        return Verdict(Commander.BRIDGE)
+    return _actor(s, timeouts)
+
+
+def _actor(s: Situation, timeouts: Timeouts) -> Verdict:
+    """The ladder during an episode."""
+    if s.action_age <= timeouts.action_timeout:
+        return Verdict(Commander.ACTOR)
+    if s.action_age <= timeouts.action_timeout + timeouts.neutral_time:
+        return Verdict(Commander.NEUTRAL, f"no action for {timeouts.action_timeout:g} s")
+    return Verdict(Commander.HOLD, "the learner is silent")

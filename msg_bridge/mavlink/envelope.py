@@ -1,0 +1,189 @@
+"""What the vehicle may do, whatever the learner wants: accelerations limited, violations seen.
+
+Pure functions of what is wanted and what is measured. Each limit bounds the acceleration so that
+within the response time nothing is exceeded; of two that contradict each other the later in the
+list wins: jerk, acceleration, swing, speed, box.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from iolspi_ros.errors import InputError
+from iolspi_ros.settings import Settings, setting
+
+_G = 9.81  # [m/s²]
+_ROOM = 0.3  # that braking leaves to the end of the box, and that beyond it is no violation [m]
+_SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
+
+
+class Motion(NamedTuple):
+    """What is measured, in the task's track.
+
+    Attributes
+    ----------
+    x, speed : float
+        Along the track [m], [m/s].
+    across, drift : float
+        Across it, to the left [m], [m/s].
+    height, climb : float
+        Above the take-off point [m], [m/s].
+    tilt : float
+        Of the rotor axis from the vertical [rad].
+    swing, swing_rate : float
+        Of the cable, positive along the track [rad], [rad/s].
+    """
+
+    x: float = 0.0
+    speed: float = 0.0
+    across: float = 0.0
+    drift: float = 0.0
+    height: float = 0.0
+    climb: float = 0.0
+    tilt: float = 0.0
+    swing: float = 0.0
+    swing_rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class Limits(Settings):
+    """The envelope. Beyond it the bridge takes over."""
+
+    box: tuple[float, ...] = setting(
+        (-6.5, 3.0), "along the track: least and greatest x [m]: the walls"
+    )
+    corridor: float = setting(2.0, "greatest distance from the track [m]", low=0.1, high=1e3)
+    heights: tuple[float, ...] = setting((2.0, 9.0), "least and greatest height [m]")
+    speed: float = setting(6.0, "greatest speed along the track [m/s]", low=0.1, high=50.0)
+    acceleration: float = setting(3.0, "greatest acceleration [m/s^2]", low=0.1, high=20.0)
+    braking: float = setting(2.0, "deceleration counted on at the box [m/s^2]", low=0.1, high=20.0)
+    tilt: float = setting(0.8, "greatest tilt [rad]", low=0.05, high=1.5)
+    swing: float = setting(1.45, "greatest angle of the cable [rad]", low=0.05, high=1.57)
+    jerk: float = setting(80.0, "greatest change of acceleration [m/s^3]", low=1.0, high=1e4)
+    response: float = setting(
+        0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
+    )
+    cable: float = setting(1.0, "length of the cable [m]", low=0.05, high=100.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("box", "heights"):
+            pair = getattr(self, name)
+            if len(pair) != 2 or not pair[0] < pair[1]:
+                raise InputError(f"{name} is {list(pair)}; allowed: two numbers, the least first")
+
+
+class Limited(NamedTuple):
+    """What may be flown, and which limits changed it."""
+
+    acceleration: float
+    reasons: tuple[str, ...]
+
+
+def limit(limits: Limits, wanted: float, motion: Motion, before: float, dt: float) -> Limited:
+    """Acceleration along the track that keeps the vehicle inside.
+
+    Parameters
+    ----------
+    limits : Limits
+    wanted : float
+        [m/s²]; one that is not finite counts as none.
+    motion : Motion
+    before : float
+        The setpoint before this one [m/s²].
+    dt : float
+        Time since that one [s].
+
+    Returns
+    -------
+    Limited
+        Always finite when `motion` and `before` are.
+    """
+    reasons = []
+    value = wanted
+    if not math.isfinite(wanted):
+        value = 0.0
+        reasons.append("not finite")
+    step = limits.jerk * dt
+    # Of a box too narrow, or left already, both bounds may contradict: the lower one wins then.
+    for name, low, high in (
+        ("jerk", before - step, before + step),
+        ("acceleration", -limits.acceleration, limits.acceleration),
+        ("swing", *_swing_bounds(limits, motion)),
+        ("speed", *_speed_bounds(limits, motion)),
+        ("box", *_box_bounds(limits, motion)),
+    ):
+        allowed = max(low, min(value, high))
+        if abs(allowed - value) > 1e-9:
+            reasons.append(name)
+            value = allowed
+    return Limited(value, tuple(reasons))
+
+
+def violation(limits: Limits, motion: Motion) -> str:
+    """What is beyond the envelope, in words; empty inside. NaN is beyond it."""
+    low, high = limits.box
+    checks: tuple[tuple[str, float, float, float, str], ...] = (
+        ("x", motion.x, low - _ROOM, high + _ROOM, "m"),
+        ("distance from the track", abs(motion.across), 0.0, limits.corridor, "m"),
+        ("height", motion.height, limits.heights[0], limits.heights[1], "m"),
+        ("speed", abs(motion.speed), 0.0, 1.15 * limits.speed, "m/s"),
+        ("tilt", motion.tilt, 0.0, limits.tilt, "rad"),
+        ("swing", abs(motion.swing), 0.0, limits.swing, "rad"),
+    )
+    for name, value, least, most, unit in checks:
+        if not least <= value <= most:
+            return f"{name} is {value:.2f} {unit}; allowed: {least:g} to {most:g}"
+    return ""
+
+
+def _clip(limits: Limits, value: float) -> float:
+    return max(-limits.acceleration, min(value, limits.acceleration))
+
+
+def _speed_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+    """So that the speed is within its limit after the response time."""
+    low = (-limits.speed - motion.speed) / limits.response
+    high = (limits.speed - motion.speed) / limits.response
+    return _clip(limits, low), _clip(limits, high)
+
+
+def _box_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+    """So that after the response time braking still ends inside the box."""
+    low, high = limits.box
+    upper = _stopping_bound(limits, high - _ROOM - motion.x, motion.speed)
+    lower = -_stopping_bound(limits, motion.x - low - _ROOM, -motion.speed)
+    return lower, upper
+
+
+def _stopping_bound(limits: Limits, room: float, speed: float) -> float:
+    """Greatest acceleration towards a wall `room` ahead, approached with `speed`.
+
+    With v' = v + a τ and x' = v τ + a τ²/2, it must hold that x' + v'²/(2 b) <= room: a quadratic
+    in a, whose larger root is the bound.
+    """
+    tau, b = limits.response, limits.braking
+    half = speed * tau + 0.5 * b * tau**2
+    constant = speed**2 + 2.0 * b * (speed * tau - room)
+    discriminant = half**2 - tau**2 * constant
+    if discriminant < 0.0:
+        return -limits.acceleration
+    return _clip(limits, (-half + math.sqrt(discriminant)) / tau**2)
+
+
+def _swing_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+    """So that the load's energy after the response time is below that at the greatest angle.
+
+    E = ω²/2 + g/L (1 - cos θ) changes with -a ω cos θ / L.
+    """
+    gravity = _G / limits.cable
+    energy = 0.5 * motion.swing_rate**2 + gravity * (1.0 - math.cos(motion.swing))
+    most = gravity * (1.0 - math.cos(_SWING_SHARE * limits.swing))
+    gain = -motion.swing_rate * math.cos(motion.swing) / limits.cable
+    room = (most - energy) / limits.response
+    if abs(gain) < 1e-6:
+        return -limits.acceleration, limits.acceleration
+    bound = _clip(limits, room / gain)
+    return (-limits.acceleration, bound) if gain > 0.0 else (bound, limits.acceleration)

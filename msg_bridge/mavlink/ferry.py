@@ -1,0 +1,59 @@
+"""Flying the quadrotor somewhere while its load comes to rest: a linear-quadratic regulator."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_continuous_are
+
+from msg_bridge.mavlink.envelope import Motion
+
+_G = 9.81  # [m/s²]
+_LEAD = 2.0  # the regulator never sees the target further away than this [m]: it bounds the speed
+
+
+class Ferry:
+    """Accelerations along and across the track that lead to a place.
+
+    Parameters
+    ----------
+    cable : float
+        Length of the cable [m].
+    response : float
+        Time constant with which an acceleration follows its setpoint [s].
+    """
+
+    def __init__(self, cable: float, response: float) -> None:
+        # [x, v, θ, ω, a], linear about a load at rest (T Eq. 18), driven by the setpoint.
+        dynamics = np.zeros((5, 5))
+        dynamics[0, 1] = dynamics[2, 3] = 1.0
+        dynamics[1, 4] = 1.0
+        dynamics[3, 2], dynamics[3, 4] = -_G / cable, -1.0 / cable
+        dynamics[4, 4] = -1.0 / response
+        drive = np.zeros((5, 1))
+        drive[4, 0] = 1.0 / response
+        cost = np.diag([1.0, 0.5, 8.0, 2.0, 0.0])
+        effort = np.array([[1.0]])
+        riccati = solve_continuous_are(dynamics, drive, cost, effort)
+        self._gains = (drive.T @ riccati)[0]
+        self._acceleration = 0.0
+        self._response = response
+
+    def along(self, target: float, motion: Motion, dt: float) -> float:
+        """Setpoint along the track [m/s²] towards x = target [m]; `dt` since the last one [s]."""
+        error = max(-_LEAD, min(motion.x - target, _LEAD))
+        state = np.array([error, motion.speed, motion.swing, motion.swing_rate, self._acceleration])
+        wanted = float(-self._gains @ state)
+        wanted = max(-2.5, min(wanted, 2.5))
+        # What the vehicle does with it is not measured well; the model that the gains are for is.
+        self._acceleration += (wanted - self._acceleration) * min(dt / self._response, 1.0)
+        return wanted
+
+
+def across(motion: Motion) -> float:
+    """Acceleration across the track that leads back to it [m/s²]."""
+    return max(-1.5, min(-1.0 * motion.across - 1.6 * motion.drift, 1.5))
+
+
+def upwards(height: float, motion: Motion) -> float:
+    """Acceleration upwards that leads to a height [m/s²]."""
+    return max(-1.0, min(0.8 * (height - motion.height) - 1.5 * motion.climb, 1.0))

@@ -1,0 +1,82 @@
+"""Letting the load go: by gripper, servo or actuator, with the acknowledgement watched."""
+
+from __future__ import annotations
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from msg_bridge.mavlink.link import Link
+from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.settings import FlightSettings
+
+_COMMANDS = {
+    "gripper": dialect.MAV_CMD_DO_GRIPPER,
+    "servo": dialect.MAV_CMD_DO_SET_SERVO,
+    "actuator": dialect.MAV_CMD_DO_SET_ACTUATOR,
+}
+_GOOD = (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
+_AGAIN = 0.1  # between two requests while none is answered [s]
+_PATIENCE = 1.0  # without an answer [s]
+
+
+class Gripper:
+    """Opens and shuts what holds the load, asking until it is answered.
+
+    Parameters
+    ----------
+    link : Link
+    profile : Profile
+    settings : FlightSettings
+    """
+
+    def __init__(self, link: Link, profile: Profile, settings: FlightSettings) -> None:
+        self._link, self._settings = link, settings
+        self._how = profile.release if settings.release == "auto" else settings.release
+        self._command = _COMMANDS[self._how]
+        self._begun = self._asked = 0.0
+        self._open = False
+
+    def turn(self, *, open_it: bool, now: float) -> None:
+        """Ask for it to be opened or shut."""
+        self._open, self._begun = open_it, now
+        self._ask(now)
+
+    def tick(self, now: float) -> None:
+        """Ask again while nobody has answered."""
+        if self.result() is None and now - self._asked >= _AGAIN:
+            self._ask(now)
+
+    def result(self) -> int | None:
+        """MAV_RESULT of the answer; None as long as there is none."""
+        answer = self._link.telemetry.acks.get(self._command)
+        return None if answer is None else answer[1]
+
+    def refusal(self, now: float) -> str:
+        """Why it did not happen, as far as the answer says; empty as long as it may have."""
+        result = self.result()
+        if result is None:
+            silent = now - self._begun > _PATIENCE
+            return f"the {self._how} did not answer for {_PATIENCE:g} s" if silent else ""
+        if result in _GOOD:
+            return ""
+        name = dialect.enums["MAV_RESULT"][result].name if result in _results() else str(result)
+        said = self._link.telemetry.texts_since(self._begun)
+        return f"the {self._how} was refused: {name}" + (f" ({said[-1]})" if said else "")
+
+    def _ask(self, now: float) -> None:
+        s = self._settings
+        self._asked = now
+        width = s.release_open if self._open else s.release_shut
+        if self._how == "gripper":
+            action = dialect.GRIPPER_ACTION_RELEASE if self._open else dialect.GRIPPER_ACTION_GRAB
+            self._link.command(self._command, 1, action)
+        elif self._how == "servo":
+            self._link.command(self._command, s.release_channel, width)
+        else:
+            values = [0.0] * 6
+            values[min(s.release_channel, 6) - 1] = width
+            self._link.command(self._command, *values)
+
+
+def _results() -> dict[int, object]:
+    found: dict[int, object] = dialect.enums["MAV_RESULT"]
+    return found

@@ -1,0 +1,59 @@
+"""A person's hands on a joystick: a button that lets the learner fly, and one that takes over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from iolspi_ros.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class HandSettings(Settings):
+    """Which parts of the joystick the bridge listens to."""
+
+    deadman_button: int = setting(
+        -1, "the learner flies only while this button is held; -1 for none", low=-1
+    )
+    takeover_button: int = setting(
+        -1, "a person flies while this button is held; -1 for none", low=-1
+    )
+    takeover_axis: int = setting(0, "axis of the stick that then gives the speed", low=0)
+    takeover_inverted: bool = setting(True, "whether the axis' positive end (left) is backwards")
+
+
+class Grip(NamedTuple):
+    """What the hands say."""
+
+    deadman: bool
+    stick: float | None
+    """-1 to 1 while a person flies."""
+
+
+def grip(
+    settings: HandSettings, buttons: Sequence[int], axes: Sequence[float], *, fresh: bool
+) -> Grip:
+    """What the hands say.
+
+    A stick that falls silent holds no deadman's button; who flew with it keeps the vehicle, at
+    rest: nothing goes on by itself when a person's link is lost.
+
+    Parameters
+    ----------
+    settings : HandSettings
+    buttons, axes : sequence
+        Of the latest message; empty when there was none.
+    fresh : bool
+        Whether it is not too old.
+    """
+
+    def held(button: int) -> bool:
+        return 0 <= button < len(buttons) and bool(buttons[button])
+
+    deadman = settings.deadman_button < 0 or (fresh and held(settings.deadman_button))
+    if not held(settings.takeover_button):
+        return Grip(deadman, None)
+    value = axes[settings.takeover_axis] if settings.takeover_axis < len(axes) and fresh else 0.0
+    value = max(-1.0, min(float(value), 1.0)) if value == value else 0.0  # NaN is no wish
+    return Grip(deadman, -value if settings.takeover_inverted else value)

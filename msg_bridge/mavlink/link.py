@@ -1,0 +1,148 @@
+"""The link to one autopilot: a transport, a codec, its telemetry, and what we may say to it."""
+
+from __future__ import annotations
+
+import math
+import threading
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from msg_bridge.mavlink.codec import Codec
+from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.telemetry import Telemetry, parameter_raw
+from msg_bridge.mavlink.transport import Transport
+
+SYSTEM, COMPONENT = 255, dialect.MAV_COMP_ID_MISSIONPLANNER
+"""Who we are: 255 is the ground station that ArduPilot listens to by default."""
+
+RATES = {
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 5.0,
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 5.0,
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: 5.0,
+}
+"""What is asked for [Hz]. PX4 stays at one heartbeat a second; what one has not, it refuses."""
+
+_BEAT = 1.0  # between our heartbeats [s]
+_SYNC = 0.5  # between two measurements of the round trip [s]
+
+
+class Link:
+    """Speaks MAVLink with one system; thread-safe.
+
+    Parameters
+    ----------
+    transport : Transport
+    telemetry : Telemetry
+    key : bytes, optional
+        Sign, and take nothing unsigned.
+    log : Path, optional
+        A .tlog of all that is said.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        telemetry: Telemetry,
+        key: bytes | None = None,
+        log: Path | None = None,
+    ) -> None:
+        self._transport, self.telemetry = transport, telemetry
+        self._file = None if log is None else log.open("wb")
+        self.codec = Codec(SYSTEM, COMPONENT, key, self._file)
+        self._lock = threading.Lock()
+        self._beat = self._sync = -_BEAT
+        self.sent = 0
+
+    @property
+    def target(self) -> tuple[int, int]:
+        """System and component that commands are for."""
+        return self.telemetry.system, self.telemetry.component
+
+    def close(self) -> None:
+        """Let the address go and close the log."""
+        self._transport.close()
+        if self._file is not None:
+            self._file.close()
+
+    def wait(self, seconds: float) -> None:
+        """Return when something has come, or after so long [s]."""
+        self._transport.wait(seconds)
+
+    def poll(self, now: float) -> None:
+        """Take all that has come, and say that we are here."""
+        for _ in range(1000):  # who floods us must not keep us from sending
+            data = self._transport.read()
+            if not data:
+                break
+            ours = False
+            with self._lock:
+                messages = list(self.codec.read(data, whole=self._transport.datagrams))
+            for message in messages:
+                ours |= self.telemetry.take(message, now)
+            if ours:
+                self._transport.keep()
+        if now - self._beat >= _BEAT:
+            self._beat = now
+            self.send(
+                dialect.MAVLink_heartbeat_message(
+                    dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0,
+                    dialect.MAV_STATE_ACTIVE, 3,
+                )
+            )  # fmt: skip
+        if now - self._sync >= _SYNC:
+            self._sync = now
+            self.send(dialect.MAVLink_timesync_message(0, int(now * 1e9)))
+
+    def send(self, message: Any) -> bool:
+        """Send a message; False when it could not be."""
+        with self._lock:
+            sent = self._transport.write(self.codec.pack(message))
+        self.sent += sent
+        return sent
+
+    # ------------------------------------------------------------ what we may say
+
+    def command(self, number: int, *values: float) -> bool:
+        """Send a COMMAND_LONG; the answer is in `telemetry.acks`."""
+        self.telemetry.acks.pop(number, None)
+        parameters = [*values, *[0.0] * (7 - len(values))]
+        if not all(map(math.isfinite, parameters)):
+            raise ValueError(f"command {number} has {parameters}; allowed: finite numbers")
+        return self.send(dialect.MAVLink_command_long_message(*self.target, number, 0, *parameters))
+
+    def ask_rates(self) -> None:
+        """Ask for the messages that we live on."""
+        for message, rate in RATES.items():
+            self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
+
+    def ask_mode(self, profile: Profile, custom_mode: int) -> None:
+        """Ask for a mode; whether it was taken only a heartbeat tells."""
+        self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, *profile.mode_halves(custom_mode))
+
+    def arm(self, on: bool) -> None:
+        """Ask for the motors to start or stop; never by force."""
+        self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, float(on))
+
+    def take_off(self, height: float) -> None:
+        """Ask to climb to a height [m]."""
+        self.command(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height)
+
+    def read_parameter(self, name: str) -> None:
+        """Ask for a parameter; the answer is in `telemetry.parameters`."""
+        self.send(
+            dialect.MAVLink_param_request_read_message(*self.target, name.encode("ascii"), -1)
+        )
+
+    def set_parameter(self, profile: Profile, name: str, value: float, kind: int) -> None:
+        """Set a parameter; the answer is in `telemetry.parameters`."""
+        self.send(
+            dialect.MAVLink_param_set_message(
+                *self.target, name.encode("ascii"), parameter_raw(profile, value, kind), kind
+            )
+        )

@@ -1,0 +1,279 @@
+"""The bridge node: a MAVLink autopilot in the place of the simulator. A managed node."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+from iolspi_ros import parameters, qos, resources, wire
+from iolspi_ros.core.samples import Observation
+from iolspi_ros.errors import InputError
+from iolspi_ros.nodes import runtime
+from iolspi_ros.nodes.vehicle import VehicleTopics
+from iolspi_ros.settings import Settings, setting
+from msg_bridge.mavlink.authority import Commander, Timeouts
+from msg_bridge.mavlink.codec import read_key
+from msg_bridge.mavlink.envelope import Limits
+from msg_bridge.mavlink.flight import Flight
+from msg_bridge.mavlink.hands import HandSettings, grip
+from msg_bridge.mavlink.link import Link
+from msg_bridge.mavlink.phases import Phase
+from msg_bridge.mavlink.preflight import Item, Preflight
+from msg_bridge.mavlink.runner import Clock, Runner
+from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+from msg_bridge.mavlink.telemetry import Telemetry
+from msg_bridge.mavlink.transport import open_url
+from msg_bridge.mavlink.voice import report
+from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
+
+AUTHORITY = (*wire.KEY, "phase", "commander")
+CHANGEABLE = ("order", "seed", "episodes", "initial")
+_PARTING = 1.0  # for the last words to an autopilot in flight [s]
+
+
+@dataclass(frozen=True)
+class NodeSettings(Settings):
+    """What the node adds to the flight."""
+
+    task: str = setting("slung_load", "the task that is flown", choices=("slung_load",))
+    autostart: str = setting(
+        "no", "configure, or configure and activate, at once instead of when told to",
+        choices=("no", "configure", "activate"),
+    )  # fmt: skip
+
+
+class Bridge(LifecycleNode):
+    """Publishes `state`, `reward` and `authority`; takes `action` and `joy`."""
+
+    def __init__(self) -> None:
+        super().__init__("bridge")
+        self.settings = parameters.declare(self, NodeSettings)
+        classes = (LinkSettings, FlightSettings, Limits, Timeouts, HandSettings, SlungLoad)
+        for cls in classes:
+            names = tuple(field.name for field in fields(cls) if field.name in CHANGEABLE)
+            parameters.declare(self, cls, names)
+        parameters.check_changes(self, *classes)
+        parameters.warn_unknown(self)
+        self.task = parameters.read(self, SlungLoad)
+        self._hands = parameters.read(self, HandSettings)
+        self._timeouts = parameters.read(self, Timeouts)
+        self._link: Link | None = None
+        self._flight: Flight | None = None
+        self._runner: Runner | None = None
+        self._refused: InputError | None = None
+        self._joy = Joy()
+        self._joy_time = -np.inf
+        self._vehicle = VehicleTopics(self)
+        self._authority_rows = wire.Rows("authority", AUTHORITY)
+        self._authority_out = self.create_publisher(Float64MultiArray, "authority", qos.REPORTS)
+        self._diagnostics_out = self.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
+        self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL)
+        self.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        runtime.wall_timer(self, 0.05, self._look_after)
+        runtime.wall_timer(self, 1.0, self._diagnose)
+        _warm_up(self.task)
+        if self.settings.autostart != "no":
+            self._start = runtime.wall_timer(self, 0.01, self._autostart)
+
+    def close(self) -> None:
+        """Land if in the air, and give the autopilot its parameters back."""
+        if self._flight is None:
+            return
+        if self._flight.phase not in (Phase.IDLE, Phase.DOWN):
+            print("bridge: ends in flight; the autopilot is told to land", file=sys.stderr)
+            self._flight.land(self._time.now(), "the bridge ends")
+            end = time.monotonic() + _PARTING
+            landing = self._flight.profile.landing
+            while time.monotonic() < end and self._flight.link.telemetry.mode != landing:
+                time.sleep(0.02)
+        self._put_away()
+
+    # ------------------------------------------------------------ managed
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Find the autopilot, check it, and set its parameters."""
+        try:
+            self._configure()
+        except InputError as error:
+            self._put_away()
+            self._refused = error
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take off and fly episodes."""
+        assert self._flight is not None
+        self._flight.begin(self._time.now())
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Land; that goes on after this has answered."""
+        assert self._flight is not None
+        self._flight.land(self._time.now(), "deactivated")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the autopilot go, once it is down."""
+        if self._flight is not None and self._flight.phase not in (Phase.IDLE, Phase.DOWN):
+            self.get_logger().error("still in the air; clean up when it has landed")
+            return TransitionCallbackReturn.FAILURE
+        self._put_away()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Land and let go."""
+        self.close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _autostart(self) -> None:
+        self._start.cancel()
+        if self.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
+            raise self._refused or InputError("the preflight failed")
+        if self.settings.autostart == "activate":
+            self.trigger_activate()
+
+    def _configure(self) -> None:
+        settings = parameters.read(self, LinkSettings)
+        flight = parameters.read(self, FlightSettings)
+        key = read_key(Path(settings.signing_key)) if settings.signing_key else None
+        log = Path(settings.log).expanduser() if settings.log else None
+        telemetry = Telemetry(settings.system, settings.load_system)
+        self._time = Clock(flight.real_time_factor)
+        self._link = Link(open_url(settings.url), telemetry, key, log)
+        kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
+        self._preflight = Preflight(
+            self._link, settings, flight, self._time.now, kept, self._tell, self.context.ok
+        )
+        profile = self._preflight.run()
+        self._flight = Flight(
+            self.task, self._link, profile, flight, parameters.read(self, Limits),
+            self._timeouts, self._show, self._say,
+        )  # fmt: skip
+        self._flight.on_news = self._news
+        self._runner = Runner(self._flight, self._time, self._say)
+        self._tell(Item("passed", "activate the bridge to fly"))
+
+    def _put_away(self) -> None:
+        """Stop the thread, restore the autopilot's parameters, close the link."""
+        if self._runner is not None:
+            self._runner.stop()
+        if self._flight is not None:
+            for failed in self._preflight.restore(self._flight.profile):
+                # Printed: after a signal nothing can be logged to the graph any more.
+                print(f"bridge: {failed}; it stays as it is", file=sys.stderr)
+        if self._link is not None:
+            self._link.close()
+        self._link = self._flight = self._runner = None
+
+    # ------------------------------------------------------------ out
+
+    def _show(self, observation: Observation) -> None:
+        self._vehicle.show(self.task.joints, observation)
+        self._vehicle.publish()
+
+    def _say(self, level: str, text: str) -> None:
+        if level == "warning":  # rclpy wants a line of its own for each severity
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+
+    def _tell(self, item: Item) -> None:
+        self.get_logger().info(f"preflight: {item.name}: {item.found}")
+
+    def _look_after(self) -> None:
+        """What no message brings about: a stick that has fallen silent."""
+        flight = self._flight
+        if flight is None:
+            return
+        fresh = time.monotonic() - self._joy_time < self._timeouts.joy_timeout
+        hands = grip(self._hands, self._joy.buttons, self._joy.axes, fresh=fresh)
+        flight.deadman, flight.stick = hands
+
+    def _news(self, phase: Phase, commander: Commander) -> None:
+        flight = self._flight
+        if flight is not None:
+            key = (flight.number, flight.step, *wire.split(round(self._time.now() * 1e9)))
+            runtime.publish(
+                self._authority_out, self._authority_rows.message(*key, phase, commander)
+            )
+
+    def _diagnose(self) -> None:
+        flight = self._flight
+        if flight is None:
+            return
+        found = report(flight)
+        worried = flight.verdict.commander in (Commander.HOLD, Commander.LAND, Commander.OTHER)
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
+            name="bridge",
+            message=f"{found['commander']}: {found['reason'] or found['phase']}",
+            hardware_id=flight.profile.name,
+            values=[KeyValue(key=key, value=str(value)) for key, value in found.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        runtime.publish(self._diagnostics_out, message)
+
+    # ------------------------------------------------------------ in
+
+    def _on_action(self, message: Any) -> None:
+        answer = self._vehicle.read(len(self.task.actions), message)
+        if answer is None or self._flight is None:
+            return
+        number, step = wire.whole(answer.episode), wire.whole(answer.step)
+        self._flight.take(number, step, answer.action, self._time.now())
+
+    def _on_joy(self, message: Any) -> None:
+        self._joy, self._joy_time = message, time.monotonic()
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        if self._flight is None:
+            response.success, response.message = False, "not configured"
+            return response
+        try:
+            settings = parameters.read(self, FlightSettings)
+            self.task = parameters.read(self, SlungLoad)
+        except InputError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self._flight.reset(self._time.now(), self.task, settings)
+        response.success, response.message = True, f"seed {settings.seed}"
+        return response
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        if self._flight is None:
+            response.success, response.message = False, "not configured"
+            return response
+        self._flight.paused = request.data
+        response.success, response.message = True, "holding" if request.data else "flying"
+        return response
+
+
+def _file_name(settings: LinkSettings) -> str:
+    return re.sub(r"[^0-9A-Za-z.]+", "_", f"{settings.url}_{settings.system}")
+
+
+def _warm_up(task: SlungLoad) -> None:
+    """Compile what is needed in flight: the first call takes seconds."""
+    state = task.initial_states()[0]
+    task.step(state, RELEASE)
+    task.judge(state, state)
+
+
+def main() -> int:
+    """Run the bridge."""
+    return runtime.main(Bridge, "bridge", sys.argv)

@@ -1,0 +1,146 @@
+"""What each autopilot wants to hear, as data. Measured on ArduCopter 4.7-dev and PX4 1.17-alpha.
+
+Where behaviours differ in kind there is a field for it here, and the code asks the field; no code
+asks for an autopilot's name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from iolspi_ros.errors import InputError
+from msg_bridge.mavlink import convert
+
+
+class Change(NamedTuple):
+    """A parameter of the autopilot that has to have a value while the bridge flies."""
+
+    name: str
+    value: float
+    why: str
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One autopilot.
+
+    Attributes
+    ----------
+    name : str
+    autopilot : int
+        MAV_AUTOPILOT of its heartbeat.
+    modes : dict of int to str
+        Names of custom modes, for people.
+    controlled, landing : int
+        Custom modes in which it obeys setpoints, and in which it lands.
+    packed_modes : bool
+        Custom modes are main << 16 | sub << 24, and asked for by their two halves.
+    stream_first : bool
+        It takes the mode only while setpoints come, and climbs by setpoints, too. Otherwise it
+        wants the mode first, and takes off by command.
+    acceleration : int
+        Type mask of an acceleration setpoint that holds the height.
+    integer_bytes : bool
+        Integers travel as their bytes in the float of PARAM_VALUE, not as numbers.
+    changes : tuple of Change
+        Made at configure, taken back after.
+    release : str
+        How it lets the load go, unless told otherwise.
+    flies : str
+        Why it cannot be flown over MAVLink; empty when it can.
+    """
+
+    name: str
+    autopilot: int
+    modes: dict[int, str]
+    controlled: int
+    landing: int
+    packed_modes: bool = False
+    stream_first: bool = False
+    acceleration: int = int(convert.ACCELERATION)
+    integer_bytes: bool = False
+    changes: tuple[Change, ...] = ()
+    release: str = "gripper"
+    flies_not: str = ""
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Name of a mode, or its number."""
+        return self.modes.get(custom_mode, f"mode {custom_mode}")
+
+    def mode_halves(self, custom_mode: int) -> tuple[float, float]:
+        """Second and third parameter of DO_SET_MODE."""
+        if self.packed_modes:
+            return float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24)
+        return float(custom_mode), 0.0
+
+
+def px4_mode(main: int, sub: int = 0) -> int:
+    """PX4's custom mode of its two halves."""
+    return main << 16 | sub << 24
+
+
+ARDUPILOT = Profile(
+    name="ardupilot",
+    autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    modes={0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL",
+           9: "LAND", 17: "BRAKE"},
+    controlled=4,
+    landing=9,
+    changes=(
+        Change("GUID_TIMEOUT", 0.5, "the last acceleration is held for so long when all is lost"),
+        Change("PSC_JERK_XY", 20.0, "with less, quick changes of the acceleration run away"),
+    ),
+)  # fmt: skip
+
+PX4 = Profile(
+    name="px4",
+    autopilot=dialect.MAV_AUTOPILOT_PX4,
+    modes={
+        px4_mode(1): "MANUAL", px4_mode(2): "ALTCTL", px4_mode(3): "POSCTL",
+        px4_mode(4, 2): "TAKEOFF", px4_mode(4, 3): "HOLD", px4_mode(4, 4): "MISSION",
+        px4_mode(4, 5): "RTL", px4_mode(4, 6): "LAND", px4_mode(6): "OFFBOARD",
+        px4_mode(7): "STABILIZED",
+    },
+    controlled=px4_mode(6),
+    landing=px4_mode(4, 6),
+    packed_modes=True,
+    stream_first=True,
+    acceleration=int(convert.ACCELERATION_HEIGHT),
+    integer_bytes=True,
+    changes=(
+        Change("COM_OF_LOSS_T", 0.5, "how long it flies on when setpoints stop"),
+        Change("COM_OBL_RC_ACT", 5, "then it holds its position instead of returning"),
+    ),
+)  # fmt: skip
+
+PAPARAZZI = Profile(
+    name="paparazzi",
+    autopilot=dialect.MAV_AUTOPILOT_PPZ,
+    modes={0: "unknown"},
+    controlled=0,
+    landing=0,
+    flies_not=(
+        "its MAVLink takes a velocity setpoint for a position, usually the origin, ignores "
+        "accelerations, and flies on when setpoints stop; docs/sitl.md says more"
+    ),
+)
+
+PROFILES = {profile.name: profile for profile in (ARDUPILOT, PX4, PAPARAZZI)}
+
+
+def of_autopilot(number: int) -> Profile:
+    """The profile for what a heartbeat says.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    for profile in PROFILES.values():
+        if profile.autopilot == number:
+            return profile
+    known = ", ".join(f"{p.autopilot} ({p.name})" for p in PROFILES.values())
+    raise InputError(f"the autopilot says it is {number}; allowed: {known}")

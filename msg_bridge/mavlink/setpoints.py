@@ -1,0 +1,87 @@
+"""What is asked of the autopilot, in the task's track, and the packet that says so."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from msg_bridge.mavlink import convert
+from msg_bridge.mavlink.convert import Track
+from msg_bridge.mavlink.profiles import Profile
+
+
+class Push(NamedTuple):
+    """Accelerations along, across and upwards [m/s²], at a height [m]."""
+
+    along: float
+    across: float
+    up: float
+    height: float
+
+
+class Run(NamedTuple):
+    """Velocities along, across and upwards [m/s]."""
+
+    along: float
+    across: float
+    up: float
+
+
+class Stay(NamedTuple):
+    """A position: along, across and height [m]."""
+
+    along: float
+    across: float
+    height: float
+
+
+Wish = Push | Run | Stay
+
+_NOTHING = np.zeros(3)
+
+
+def packet(wish: Wish, profile: Profile, track: Track, target: tuple[int, int], now: float) -> Any:
+    """The setpoint message of a wish.
+
+    Raises
+    ------
+    ValueError
+        When a number that matters is not finite.
+    """
+    position, velocity, acceleration = _NOTHING, _NOTHING, _NOTHING
+    if isinstance(wish, Push):
+        mask = profile.acceleration
+        acceleration = track.there(np.array([wish.along, wish.across, wish.up]))
+        position = np.array([0.0, 0.0, wish.height])
+    elif isinstance(wish, Run):
+        mask = int(convert.VELOCITY)
+        velocity = track.there(np.array(wish))
+    else:
+        mask = int(convert.POSITION)
+        position = track.place_there(np.array(wish))
+    time_ms = int(now * 1e3) & 0xFFFFFFFF
+    return convert.setpoint(mask, target, time_ms, position, velocity, acceleration)
+
+
+class Integral:
+    """Accelerations along the track summed up to velocities, for profiles that want those.
+
+    It never runs ahead of the vehicle by more than `lead`: what it cannot fly is not saved up.
+    """
+
+    lead = 1.5  # [m/s]
+
+    def __init__(self) -> None:
+        self._velocity: float | None = None
+
+    def forget(self) -> None:
+        """Begin anew, at the vehicle's speed, with the next one."""
+        self._velocity = None
+
+    def velocity(self, acceleration: float, speed: float, dt: float) -> float:
+        """Velocity [m/s] after an acceleration [m/s²] for `dt` [s]; `speed` is the vehicle's."""
+        begun = speed if self._velocity is None else self._velocity
+        wanted = begun + acceleration * dt
+        self._velocity = min(max(wanted, speed - self.lead), speed + self.lead)
+        return self._velocity

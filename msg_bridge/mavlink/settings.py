@@ -1,0 +1,78 @@
+"""What can be set about a flight, beside the envelope and the time-outs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from iolspi_ros.errors import InputError
+from iolspi_ros.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class FlightSettings(Settings):
+    """Where, how fast and how often."""
+
+    height: float = setting(5.0, "above the take-off point [m]", low=0.5, high=120.0)
+    heading: float = setting(
+        0.0, "direction of the track's +x, counter-clockwise from east [rad]", low=-7.0, high=7.0
+    )
+    origin: tuple[float, ...] = setting(
+        (0.0, 0.0), "east and north of x = 0, from the autopilot's origin [m]"
+    )
+    rate: float = setting(50.0, "setpoints a second of vehicle time", low=5.0, high=400.0)
+    setpoints: str = setting(
+        "acceleration", "an action is flown as an acceleration, or summed up as a velocity",
+        choices=("acceleration", "velocity"),
+    )  # fmt: skip
+    release: str = setting(
+        "auto", "how the load is let go; auto for what the autopilot's profile says",
+        choices=("auto", "gripper", "servo", "actuator"),
+    )  # fmt: skip
+    release_channel: int = setting(9, "servo: its number; actuator: 1 to 6", low=1, high=16)
+    release_open: float = setting(1100.0, "servo: open [µs]; actuator: open, -1.0 to 1.0")
+    release_shut: float = setting(1900.0, "servo: shut [µs]; actuator: shut, -1.0 to 1.0")
+    load_source: str = setting(
+        "feed", "the load's position from a system of its own, or estimated from accelerations",
+        choices=("feed", "estimate"),
+    )  # fmt: skip
+    order: str = setting(
+        "random", "initial positions drawn at random, or swept one after the other",
+        choices=("random", "sweep"),
+    )  # fmt: skip
+    settle_time: float = setting(
+        0.5, "so long near the initial position, at rest, before an episode [s]", low=0.0, high=60.0
+    )
+    settle_swing: float = setting(0.08, "swing that counts as at rest [rad]", low=0.001, high=1.5)
+    real_time_factor: float = setting(
+        1.0, "vehicle seconds per second: 1.0 for all that flies, more for a faster simulator",
+        low=0.0, high=100.0, low_open=True,
+    )  # fmt: skip
+    seed: int = setting(0, "of initial positions", low=0)
+    episodes: int = setting(0, "land after so many episodes; 0 for never", low=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.origin) != 2:
+            raise InputError(f"origin is {list(self.origin)}; allowed: east and north [m]")
+
+
+@dataclass(frozen=True)
+class LinkSettings(Settings):
+    """Where the autopilot is, and how to speak with it."""
+
+    url: str = setting(
+        "udpin:127.0.0.1:14540",
+        "udpin:ADDRESS:PORT (listen), udpout:ADDRESS:PORT (call), tcp:ADDRESS:PORT or "
+        "serial:DEVICE:BAUD",
+    )
+    autopilot: str = setting(
+        "auto", "whom to expect there; auto for whoever it says that it is",
+        choices=("auto", "px4", "ardupilot", "paparazzi"),
+    )  # fmt: skip
+    system: int = setting(1, "MAVLink system id of the vehicle", low=1, high=255)
+    load_system: int = setting(2, "of the load, for load_source feed", low=1, high=255)
+    signing_key: str = setting(
+        "", "file with the key for signing; with it nothing unsigned is taken; empty for none"
+    )
+    log: str = setting("", "a .tlog of all that is said; empty for none")
+    patience: float = setting(60.0, "give up the preflight after so long [s]", low=1.0, high=3600.0)

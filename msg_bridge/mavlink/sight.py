@@ -1,0 +1,109 @@
+"""From telemetry to what the task and the envelope want to know, carried on to this moment."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.mavlink.convert import Track
+from msg_bridge.mavlink.envelope import Motion
+from msg_bridge.mavlink.load import Fall, LoadObserver, swing
+from msg_bridge.mavlink.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+_FURTHEST = 0.5  # telemetry is carried on along its velocity for no longer than this [s]
+_SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the cable
+
+
+class Sight:
+    """The vehicle and its load in the task's track.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+    track : Track
+    cable : float
+        Its length [m].
+    feed : bool
+        The load reports its own position; otherwise its swing is estimated.
+    """
+
+    def __init__(self, telemetry: Telemetry, track: Track, cable: float, *, feed: bool) -> None:
+        self._telemetry, self._track, self._cable = telemetry, track, cable
+        self.feed = feed
+        self.load = LoadObserver(cable)
+        self.fall: Fall | None = None
+        """Of a load that was let go; None while it hangs."""
+        self._ground = 0.0
+        telemetry.on_position, telemetry.on_load = self._moved, self._load_seen
+
+    def stand(self) -> None:
+        """The vehicle stands on the ground: heights count from here."""
+        if math.isfinite(self._telemetry.position[2]):
+            self._ground = float(self._telemetry.position[2])
+
+    def place(self) -> tuple[float, float, float]:
+        """Along, across and height, as reported last [m]."""
+        along, across, up = self._track.place_here(self._telemetry.position)
+        return float(along), float(across), float(up) - self._ground
+
+    def up(self, height: float) -> float:
+        """Height above the take-off point in the autopilot's own frame [m]."""
+        return height + self._ground
+
+    def motion(self, now: float) -> Motion:
+        """Where everything is now."""
+        t = self._telemetry
+        age = min(max(now - t.position_time, 0.0), _FURTHEST)
+        along, across, up = self._track.place_here(t.position + t.velocity * age)
+        speed, drift, climb = self._track.here(t.velocity)
+        push = float(self._track.here(t.acceleration)[0])
+        angle, rate = self.load.ahead(push, age)
+        return Motion(
+            float(along), float(speed + push * age), float(across), float(drift),
+            float(up) - self._ground, float(climb), t.tilt, angle, rate,
+        )  # fmt: skip
+
+    def load_age(self, now: float) -> float:
+        """Since the load was heard of [s]; zero when nobody has to be heard."""
+        return now - self._telemetry.load_time if self.feed and self.fall is None else 0.0
+
+    def let_go(self, motion: Motion, rim: float) -> None:
+        """The load is to fall from now on; `rim` is the plane of the basket below us [m]."""
+        self.fall = Fall(motion.height - rim)
+        self.fall.see(
+            motion.x + self._cable * math.sin(motion.swing),
+            motion.height - self._cable * math.cos(motion.swing),
+        )
+
+    def hangs(self) -> bool:
+        """Whether the load was last seen on the cable; True when nobody sees it."""
+        if not self.feed:
+            return True
+        return float(np.linalg.norm(self._telemetry.load_offset)) < _SLACK * self._cable
+
+    def loaded(self) -> None:
+        """A load hangs on the cable again, at rest."""
+        self.fall = None
+        self.load.still()
+
+    # ------------------------------------------------------------ what comes in
+
+    def _moved(self, change: Array, passed: float) -> None:
+        if self.fall is None:
+            self.load.move(float(self._track.here(change)[0]) / passed, passed)
+
+    def _load_seen(self) -> None:
+        if not self.feed:
+            return
+        t = self._telemetry
+        offset = self._track.here(t.load_offset)
+        if self.fall is None:
+            self.load.measure(swing(offset))
+            return
+        # The feed and the vehicle are of the same moment here: the offset was made so.
+        place = self._track.place_here(t.position + t.velocity * (t.load_time - t.position_time))
+        self.fall.see(float(place[0] + offset[0]), float(place[2] - self._ground + offset[2]))

@@ -1,0 +1,235 @@
+"""What the autopilot and the load have said, with when: plain data, no decisions."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from msg_bridge.mavlink import convert
+from msg_bridge.mavlink.profiles import Profile
+
+Array = NDArray[np.float64]
+
+NEVER = -math.inf
+
+# EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS agree in these bits.
+_ATTITUDE, _VELOCITY, _RELATIVE, _ABSOLUTE = 1, 2, 8, 16
+_JUMP = 1.0  # of the autopilot's clock against ours [s] that is more than a slow link
+_FOLLOW = 0.02  # share of the clocks' difference that is taken over with each position
+_INTEGERS = tuple(range(dialect.MAV_PARAM_TYPE_UINT8, dialect.MAV_PARAM_TYPE_INT64 + 1))
+
+
+@dataclass
+class Telemetry:
+    """State of one autopilot as far as it was heard.
+
+    Times are those of the caller's clock, in s; positions and velocities are ENU in the
+    autopilot's local frame.
+
+    Attributes
+    ----------
+    system, load_system : int
+        Whose messages count; all others are only noted in `strangers`.
+    lost_time : float
+        Since when the autopilot has said that it does not know where it is; infinite if it does.
+    """
+
+    system: int
+    load_system: int
+    component: int = dialect.MAV_COMP_ID_AUTOPILOT1
+    autopilot: int | None = None
+    mode: int = -1
+    armed: bool = False
+    heard_time: float = NEVER
+    position: Array = field(default_factory=lambda: np.full(3, np.nan))
+    velocity: Array = field(default_factory=lambda: np.full(3, np.nan))
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    position_time: float = NEVER
+    tilt: float = 0.0
+    flags: int | None = None
+    lost_time: float = math.inf
+    landed: bool | None = None
+    round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=3))
+    load_offset: Array = field(default_factory=lambda: np.full(3, np.nan))
+    load_time: float = NEVER
+    jump_time: float = NEVER
+    restarts: int = 0
+    boot: float = math.nan
+    texts: deque[tuple[float, int, str]] = field(default_factory=lambda: deque(maxlen=50))
+    acks: dict[int, tuple[float, int]] = field(default_factory=dict)
+    parameters: dict[str, tuple[float, int]] = field(default_factory=dict)
+    strangers: dict[int, int] = field(default_factory=dict)
+    on_position: Callable[[Array, float], None] | None = None
+    on_load: Callable[[], None] | None = None
+    _globe: Any = None
+    _globe_time: float = NEVER
+    _skew: float = math.nan
+
+    @property
+    def ready(self) -> bool:
+        """Whether the autopilot knows where it is; False as long as it has not said so."""
+        if self.flags is None:
+            return False
+        needed = _ATTITUDE | _VELOCITY
+        return bool(self.flags & needed == needed and self.flags & (_RELATIVE | _ABSOLUTE))
+
+    @property
+    def round_trip(self) -> float:
+        """To the autopilot and back, the median of the last three [s]; zero when none came back."""
+        return sorted(self.round_trips)[len(self.round_trips) // 2] if self.round_trips else 0.0
+
+    def take(self, message: Any, now: float) -> bool:
+        """Take a message; False when it comes from nobody who matters here."""
+        system = message.get_srcSystem()
+        if system == self.system:
+            self.heard_time = now
+            handle = _OF_VEHICLE.get(message.get_type())
+        elif system == self.load_system:
+            handle = _OF_LOAD.get(message.get_type())
+        else:
+            self.strangers[system] = self.strangers.get(system, 0) + 1
+            return False
+        if handle is not None:
+            handle(self, message, now)
+        return True
+
+    def texts_since(self, time: float) -> list[str]:
+        """What the autopilot has told people since a time."""
+        return [text for when, _, text in self.texts if when >= time]
+
+    # ------------------------------------------------------------ of the vehicle
+
+    def _heartbeat(self, message: Any, now: float) -> None:
+        if message.get_srcComponent() != self.component:
+            return  # a camera or a companion of the same system
+        self.autopilot = message.autopilot
+        self.mode = message.custom_mode
+        self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def _local(self, message: Any, now: float) -> None:
+        position, velocity = convert.local_position(message)
+        if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+            return
+        boot, before = message.time_boot_ms * 1e-3, self.boot
+        self._watch_clock(boot, now)
+        passed = boot - before
+        if 0.0 < passed < 1.0:
+            change = velocity - self.velocity
+            # The mean of the last few: single differences are mostly noise.
+            share = min(passed / 0.1, 1.0)
+            self.acceleration += share * (change / passed - self.acceleration)
+            if self.on_position is not None:
+                self.on_position(change, passed)
+        self.position, self.velocity, self.position_time = position, velocity, now
+
+    def _watch_clock(self, boot: float, now: float) -> None:
+        """Compare the autopilot's clock with ours, and notice when it jumps."""
+        skew = boot - now
+        if not math.isnan(self._skew) and abs(skew - self._skew) > _JUMP:
+            self.jump_time = now
+            self.restarts += boot < self.boot and boot < 60.0
+            self._skew = skew
+        elif math.isnan(self._skew):
+            self._skew = skew
+        else:
+            self._skew += _FOLLOW * (skew - self._skew)
+        self.boot = boot
+
+    def _attitude(self, message: Any, now: float) -> None:
+        if math.isfinite(message.roll) and math.isfinite(message.pitch):
+            self.tilt = convert.tilt(message)
+
+    def _global(self, message: Any, now: float) -> None:
+        self._globe, self._globe_time = message, now
+
+    def _estimator(self, message: Any, now: float) -> None:
+        self.flags = int(message.flags)
+        if self.ready:
+            self.lost_time = math.inf
+        else:
+            self.lost_time = min(self.lost_time, now)
+
+    def _timesync(self, message: Any, now: float) -> None:
+        passed = now - message.ts1 * 1e-9
+        if message.tc1 and 0.0 <= passed < 60.0:  # else it is a question, or no answer to us
+            self.round_trips.append(passed)
+
+    def _extended(self, message: Any, now: float) -> None:
+        if message.landed_state != dialect.MAV_LANDED_STATE_UNDEFINED:
+            self.landed = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+
+    def _text(self, message: Any, now: float) -> None:
+        text = message.text
+        if isinstance(text, bytes):
+            text = text.decode("utf-8", "replace")
+        self.texts.append((now, int(message.severity), text.rstrip("\0")))
+
+    def _ack(self, message: Any, now: float) -> None:
+        self.acks[int(message.command)] = (now, int(message.result))
+
+    def _parameter(self, message: Any, now: float) -> None:
+        name = message.param_id
+        if isinstance(name, bytes):
+            name = name.decode("ascii", "replace")
+        self.parameters[name.rstrip("\0")] = (message.param_value, int(message.param_type))
+
+    # ------------------------------------------------------------ of the load
+
+    def _load_global(self, message: Any, now: float) -> None:
+        """Both are on the globe; the vehicle's is carried on to the time of the load's."""
+        if self._globe is None or now - self._globe_time > 1.0:
+            return
+        moved = self.velocity * (now - self._globe_time)
+        self._load_at(convert.global_offset(message, self._globe) - moved, now)
+
+    def _load_local(self, message: Any, now: float) -> None:
+        moved = self.velocity * (now - self.position_time)
+        self._load_at(convert.local_position(message)[0] - self.position - moved, now)
+
+    def _load_at(self, offset: Array, now: float) -> None:
+        if not np.isfinite(offset).all():
+            return
+        self.load_offset, self.load_time = offset, now
+        if self.on_load is not None:
+            self.on_load()
+
+
+_OF_VEHICLE: dict[str, Callable[[Telemetry, Any, float], None]] = {
+    "HEARTBEAT": Telemetry._heartbeat,
+    "LOCAL_POSITION_NED": Telemetry._local,
+    "GLOBAL_POSITION_INT": Telemetry._global,
+    "ATTITUDE": Telemetry._attitude,
+    "EKF_STATUS_REPORT": Telemetry._estimator,
+    "ESTIMATOR_STATUS": Telemetry._estimator,
+    "EXTENDED_SYS_STATE": Telemetry._extended,
+    "TIMESYNC": Telemetry._timesync,
+    "STATUSTEXT": Telemetry._text,
+    "COMMAND_ACK": Telemetry._ack,
+    "PARAM_VALUE": Telemetry._parameter,
+}
+_OF_LOAD: dict[str, Callable[[Telemetry, Any, float], None]] = {
+    "GLOBAL_POSITION_INT": Telemetry._load_global,
+    "LOCAL_POSITION_NED": Telemetry._load_local,
+}
+
+
+def parameter_value(profile: Profile, raw: float, kind: int) -> float:
+    """Value of a parameter as it travels in PARAM_VALUE."""
+    if profile.integer_bytes and kind in _INTEGERS:
+        return float(struct.unpack("<i", struct.pack("<f", raw))[0])
+    return raw
+
+
+def parameter_raw(profile: Profile, value: float, kind: int) -> float:
+    """What travels in PARAM_SET for a value; the inverse of `parameter_value`."""
+    if profile.integer_bytes and kind in _INTEGERS:
+        return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
+    return value

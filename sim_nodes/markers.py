@@ -1,0 +1,88 @@
+"""The simulator's picture on the graph, for RViz and Foxglove."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from geometry_msgs.msg import Point
+from rclpy.node import Node
+from visualization_msgs.msg import Marker, MarkerArray
+
+from iolspi_ros import qos, wire
+from iolspi_ros.core.samples import Observation
+from iolspi_ros.nodes import runtime
+from sim_nodes import pictures
+from sim_nodes.pictures import Picture, Shape
+from sim_nodes.tasks.base import Task
+
+FRAME = "world"
+PERIOD = 0.02
+"""Seconds of wall time between two pictures at least: nobody sees more, and lockstep is fast."""
+
+_KINDS = {
+    pictures.BOX: Marker.CUBE,
+    pictures.BALL: Marker.SPHERE,
+    pictures.LINE: Marker.LINE_STRIP,
+}
+
+
+class Markers:
+    """Publishes `markers` while somebody looks, and does next to nothing while nobody does.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._out = node.create_publisher(MarkerArray, "markers", qos.LATCHED)
+        self._shown = 0.0
+        self._latest: Observation | None = None
+        self._before: Observation | None = None
+
+    def show(self, task: Task, observation: Observation) -> None:
+        """Publish what an observation looks like; how an episode ended is never left out."""
+        if observation is not self._latest:  # else it is repeated
+            self._before, self._latest = self._latest, observation
+        now = time.monotonic()
+        if now - self._shown < PERIOD and not observation.terminated:
+            return
+        self._shown = now
+        if not self._out.get_subscription_count():
+            return
+        shapes = pictures.picture(task, observation.state)
+        if observation.terminated and self._before is not None:
+            shapes += _fall(task, self._before, observation)
+        runtime.publish(self._out, message(shapes, observation.stamp))
+
+
+def message(shapes: Picture, stamp: int) -> MarkerArray:
+    """One marker for each shape, known by its name as namespace."""
+    return MarkerArray(markers=[_marker(shape, stamp) for shape in shapes])
+
+
+def _marker(shape: Shape, stamp: int) -> Marker:
+    marker = Marker(ns=shape.name, type=_KINDS[shape.kind], action=Marker.ADD)
+    marker.header.frame_id = FRAME
+    marker.header.stamp.sec, marker.header.stamp.nanosec = wire.split(stamp)
+    marker.pose.orientation.w = 1.0
+    points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
+    if shape.kind == pictures.LINE:
+        marker.points = points
+    else:
+        marker.pose.position = points[0]
+    marker.scale.x, marker.scale.y, marker.scale.z = shape.size
+    colour = marker.color
+    colour.r, colour.g, colour.b, colour.a = shape.colour
+    return marker
+
+
+def _fall(task: Task, before: Observation, last: Observation) -> Picture:
+    """The path of a load that was dropped; it stays until the next one."""
+    times = np.linspace(0.0, pictures.FALL_TIME, 15)
+    path = pictures.dropped(task, before.state, last.reward, times)
+    if not len(path):
+        return ()
+    points = tuple((x, 0.0, z) for x, z in path.tolist())
+    return (Shape("fall", pictures.LINE, points, (0.02, 0.0, 0.0), (0.9, 0.55, 0.1, 0.6)),)

@@ -1,0 +1,199 @@
+"""The bridge as a node of a graph, flying the embedded autopilot faster than real time."""
+
+import math
+import signal
+
+import pytest
+from conftest import spin_until
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+from iolspi_ros import qos, wire
+from iolspi_ros.bench.flying import FACTOR, parameters
+from iolspi_ros.core.online import Source
+from iolspi_ros.nodes import runtime
+from iolspi_ros.resources import find
+from msg_bridge.mavlink.authority import Commander
+from msg_bridge.mavlink.node import AUTHORITY
+from msg_bridge.mavlink.phases import Phase
+from sim_nodes.autopilot.profiles import Mode
+from sim_nodes.autopilot.server import Sitl
+
+CONFIG = find("config", "slung_load.yaml")
+
+
+class Actor:
+    """Answers every observation with an action, and listens to who commands."""
+
+    def __init__(self, rclpy):
+        self.node = rclpy.create_node("actor")
+        self.executor = runtime.executor()
+        self.executor.add_node(self.node)
+        self.action, self.states, self.rewards, self.authority = 1.0, [], [], []
+        self.rows = wire.Rows("action", wire.ACTION)
+        self.out = self.node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
+        self.joy = self.node.create_publisher(Joy, "joy", qos.CONTROL)
+        listen = self.node.create_subscription
+        listen(JointState, "state", self.states.append, qos.CONTROL)
+        listen(Float64MultiArray, "reward", self.answer, qos.CONTROL)
+        listen(Float64MultiArray, "authority", self.heard, qos.REPORTS)
+
+    def answer(self, message):
+        row = dict(zip(wire.REWARD, message.data, strict=True))
+        self.rewards.append(row)
+        if self.action is not None:
+            key = [row[name] for name in wire.KEY]
+            self.out.publish(self.rows.message(*key, self.action, Source.SCRIPTED))
+
+    def heard(self, message):
+        self.authority.append(dict(zip(AUTHORITY, message.data, strict=True)))
+
+    def until(self, ready, deadline=40.0):
+        spin_until(self.executor, ready, deadline)
+
+    def call(self, kind, name, request):
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def change(self, transition):
+        request = ChangeState.Request()
+        request.transition.id = transition
+        return self.call(ChangeState, "/bridge/change_state", request).success
+
+    @property
+    def state(self):
+        return self.call(GetState, "/bridge/get_state", GetState.Request()).current_state.label
+
+    def commands(self, commander):
+        """Until somebody has begun to command since this was asked last."""
+        seen = len(self.authority)
+        self.until(lambda: any(row["commander"] == commander for row in self.authority[seen:]))
+
+
+@pytest.fixture
+def sitl():
+    with Sitl("px4", ["udpin:127.0.0.1:0"], parameters("px4", FACTOR), ready_after=2.0) as vehicle:
+        yield vehicle
+
+
+@pytest.fixture
+def actor(ros):
+    return Actor(ros)
+
+
+def start(nodes, sitl, *arguments):
+    host, port = sitl.addresses[0]
+    given = {"url": f"udpout:{host}:{port}", "real_time_factor": FACTOR, "action_timeout": 0.4,
+             "initial": "narrow"}  # fmt: skip
+    pairs = [part for name, value in given.items() for part in ("-p", f"{name}:={value}")]
+    nodes.start("bridge", "--params-file", str(CONFIG), *pairs, *arguments)
+
+
+def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
+    start(nodes, sitl)
+    assert actor.state == "unconfigured"
+    assert actor.change(Transition.TRANSITION_CONFIGURE)
+    assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
+    assert not sitl.autopilot.commander.armed
+    assert actor.change(Transition.TRANSITION_ACTIVATE)
+    actor.until(lambda: len(actor.rewards) > 60)
+    first = next(row for row in actor.rewards if row["step"] == 0.0)
+    assert (first["reward"], first["action"]) == (0.0, -1.0)
+    assert all(row["action"] == 1.0 for row in actor.rewards if row["step"] > 1.0)
+    assert list(actor.states[0].name) == ["quadrotor", "load"]
+    stamps = [(row["sec"], row["nanosec"]) for row in actor.rewards]
+    assert stamps == sorted(set(stamps))
+    assert actor.change(Transition.TRANSITION_DEACTIVATE)
+    assert not actor.change(Transition.TRANSITION_CLEANUP)  # in the air
+    actor.until(lambda: actor.authority[-1]["phase"] == Phase.DOWN)
+    assert not sitl.autopilot.commander.armed
+    assert actor.change(Transition.TRANSITION_CLEANUP)
+    assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 0
+    assert nodes.end("bridge")[0] == 0
+
+
+def test_in_flight_a_signal_lands_and_gives_the_parameters_back(nodes, sitl, actor):
+    start(nodes, sitl, "-p", "autostart:=activate")
+    actor.commands(Commander.ACTOR)
+    status, seconds = nodes.end("bridge")
+    assert status == 0
+    assert seconds < 2.5
+    assert sitl.autopilot.commander.mode is Mode.LAND
+    assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.0
+
+
+def test_actions_that_are_none_change_nothing(nodes, sitl, actor):
+    """They are as good as silence: neutral, then hold, and on again when one comes that is."""
+    start(nodes, sitl, "-p", "autostart:=activate")
+    actor.commands(Commander.ACTOR)
+    for nonsense in (math.nan, math.inf, 4.0, -1.0, 1.5):
+        actor.action = nonsense
+        actor.commands(Commander.HOLD)
+        actor.action = 1.0
+        actor.commands(Commander.ACTOR)
+    nodes.wait_for("bridge", "ignored")
+
+
+def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
+    start(nodes, sitl, "-p", "autostart:=activate", "-p", "takeover_button:=0",
+          "-p", "deadman_button:=1")  # fmt: skip
+
+    def hold(*buttons, axis=0.0):
+        message = Joy(buttons=list(buttons), axes=[axis])
+        return actor.node.create_timer(0.05, lambda: actor.joy.publish(message))
+
+    held = hold(0, 1)
+    actor.commands(Commander.ACTOR)
+    held.cancel()
+    actor.commands(Commander.HOLD)  # the deadman's button
+    held = hold(1, 1, axis=-1.0)  # to the right
+    actor.commands(Commander.PILOT)
+    actor.until(lambda: sitl.autopilot.body.state[4] > 1.0)  # east
+    held.cancel()
+    held = hold(0, 1)
+    actor.commands(Commander.ACTOR)
+
+
+def test_it_waits_while_paused(nodes, sitl, actor):
+    start(nodes, sitl, "-p", "autostart:=activate")
+    actor.commands(Commander.ACTOR)
+    assert actor.call(SetBool, "/bridge/pause", SetBool.Request(data=True)).success
+    actor.commands(Commander.HOLD)
+    assert actor.call(SetBool, "/bridge/pause", SetBool.Request(data=False)).success
+    actor.commands(Commander.ACTOR)
+
+
+def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor):
+    actor.action = None
+    start(nodes, sitl, "-p", "autostart:=activate")
+    learner = ("--params-file", str(CONFIG), "-p", "informed:=false", "-p", "background:=true")
+    process = nodes.start("learner", *learner)
+    actor.commands(Commander.ACTOR)
+    process.send_signal(signal.SIGSTOP)
+    actor.commands(Commander.HOLD)
+    process.send_signal(signal.SIGCONT)
+    actor.commands(Commander.ACTOR)
+    process.kill()
+    process.wait()
+    actor.commands(Commander.HOLD)
+    nodes.start("learner", *learner)
+    actor.commands(Commander.ACTOR)
+
+
+def test_bad_input_is_said_in_one_line(nodes):
+    for arguments, words in (
+        (("-p", "url:=nowhere"), "url is 'nowhere'; allowed:"),
+        (("-p", "box:=[3.0, -3.0]"), "the least first"),
+        (("-p", "task:=pendulum"), "task is 'pendulum'"),
+        (("-p", "signing_key:=/not/there"), "signing key"),
+    ):
+        status, said = nodes.finish("bridge", "-p", "autostart:=configure", *arguments)
+        assert status == 2, said
+        assert words in said.splitlines()[-1]
+        assert "Traceback" not in said

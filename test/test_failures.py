@@ -1,0 +1,318 @@
+"""The failure table of docs/sitl.md: what the vehicle does, what a person sees, how it goes on."""
+
+import math
+import socket
+import threading
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from iolspi_ros.bench.flying import Dying, Flying, lost, pilot, pushes
+from msg_bridge.mavlink.authority import Commander, Timeouts
+from msg_bridge.mavlink.codec import Codec
+from msg_bridge.mavlink.flight import Flight
+from msg_bridge.mavlink.phases import Phase
+from msg_bridge.mavlink.runner import Runner
+from sim_nodes.tasks.slung_load import DUNK
+
+LIKES = ["px4", "ardupilot"]
+
+
+class Station:
+    """Another ground station, on a link of its own."""
+
+    def __init__(self, address, key=None):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(address)
+        self.codec = Codec(254, 190, key)
+        self.say(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+
+    def say(self, message):
+        self.socket.send(self.codec.pack(message))
+
+    def command(self, number, *values):
+        padded = [*values, *[0.0] * (7 - len(values))]
+        self.say(dialect.MAVLink_command_long_message(1, 1, number, 0, *padded))
+
+    def mode(self, profile, mode):
+        self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, *profile.mode_halves(mode))
+
+
+def hold_mode(profile):
+    return {"px4": 4 << 16 | 3 << 24, "ardupilot": 5}[profile.name]
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_learner_killed(tmp_path, like):
+    with Flying(tmp_path, like, initial="narrow", factor=1.0, timeouts=Timeouts()) as f:
+        f.act = dying = Dying(f.task, 3)
+        late, distance = lost(f, dying)
+        assert late < 0.1
+        assert distance < 1.0
+        assert f.heard("hold: the learner is silent")
+        dying.alive = True
+        f.episodes(1)
+
+
+def test_learner_frozen(tmp_path):
+    """It wakes up and answers what is long past: nobody listens to that."""
+    with Flying(tmp_path, "px4", initial="narrow") as f:
+        frozen, woken = threading.Event(), threading.Event()
+        fly = pilot(f.task)
+
+        def act(seen):
+            if seen.step == 4 and not frozen.is_set():
+                frozen.set()
+                woken.wait()
+                return 2
+            return fly(seen)
+
+        f.act = act
+        f.until(frozen.is_set)
+        f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
+        f.until(lambda: f.speed < 0.15)
+        since = f.clock.now()
+        woken.set()
+        f.wait(0.5)
+        assert not any(m.afy > 2.9 for _, m in f.setpoints(since) if pushes(m))
+        assert f.episodes(1)[0].reward == DUNK
+
+
+@pytest.mark.parametrize(("loss", "dunks"), [(0.1, 2), (0.5, 0)])
+def test_packets_lost(tmp_path, loss, dunks):
+    """A tenth does not matter; with half of them nothing goes well, but nothing breaks."""
+    with Flying(tmp_path, "ardupilot", autopilot={"SIM_LOSS": 0.0}) as f:
+        f.in_episode()
+        f.change("SIM_LOSS", loss)
+        if dunks:
+            assert sum(end.reward == DUNK for end in f.episodes(3, 90.0)) >= dunks
+        for _ in range(20):
+            f.wait(1.0)
+            assert f.inside()
+        f.change("SIM_LOSS", 0.0)
+        f.episodes(1)
+        assert not f.broken
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_delay_of_300_ms(tmp_path, like):
+    """Loops through such a link would not be stable: the autopilot holds the vehicle itself."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.in_episode()
+        f.change("SIM_DELAY", 0.3)
+        f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
+        f.wait(6.0)
+        assert f.speed < 0.3
+        assert f.inside()
+        assert f.heard("the link is slow")
+        f.change("SIM_DELAY", 0.0)
+        f.episodes(1)
+
+
+@pytest.mark.parametrize("like", LIKES)
+@pytest.mark.parametrize("seconds", [0.5, 3.0, 30.0])
+def test_link_cut(tmp_path, like, seconds):
+    """The autopilot itself stops the vehicle: its time-outs were set to that."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.act = dying = Dying(f.task, 10**6)
+        f.in_episode(step=4)
+        start = f.body()[0]
+        f.change("SIM_CUT", seconds)
+        f.wait(seconds)
+        if seconds > 1.0:
+            assert f.speed < 0.3
+            assert np.linalg.norm(f.body()[0][:2] - start[:2]) < 9.0
+        f.until(lambda: f.telemetry.position_time > f.clock.now() - 0.2)
+        assert f.inside()
+        dying.alive = True
+        f.episodes(1)
+        assert f.heard("nothing heard for") or seconds <= f.flight.timeouts.telemetry_timeout
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_bridge_killed(tmp_path, like):
+    """Nobody sends anything any more: no landing, no good-bye. The next one flies on."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.act = Dying(f.task, 10**6)
+        f.in_episode(step=4)
+        f.runner.stop()
+        f.wait(4.0)
+        assert f.speed < 0.6  # the load still swings the vehicle about
+        assert f.inside()
+        f.act.alive = True
+        f.flight = Flight(
+            f.task, f.link, f.profile, f.settings, f.limits, f.flight.timeouts, f._show, f._say
+        )
+        f.runner = Runner(f.flight, f.clock, f._say)
+        f.flight.begin(f.clock.now())
+        f.episodes(1)
+        assert f.inside()
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_autopilot_restarted(tmp_path, like):
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        with f.sitl.lock:
+            f.sitl.autopilot.boot()
+        f.until(lambda: f.flight.phase is Phase.DOWN)
+        since = f.clock.now()
+        assert f.heard("activate the bridge again")
+        f.wait(3.0)
+        assert not f.setpoints(since + 0.1)
+        f.flight.begin(f.clock.now())
+        f.episodes(1)
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_mode_changed_by_another_ground_station(tmp_path, like):
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        other = Station(f.other)
+        other.mode(f.profile, hold_mode(f.profile))
+        f.until(lambda: f.flight.verdict.commander is Commander.OTHER)
+        f.wait(5.0)
+        assert f.telemetry.mode == hold_mode(f.profile)  # nobody argues
+        assert f.speed < 0.3
+        assert f.heard("somebody changed the mode")
+        other.mode(f.profile, f.profile.controlled)
+        f.episodes(1)
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_disarming_in_flight_is_refused_by_the_autopilot_and_nothing_changes(tmp_path, like):
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        Station(f.other).command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        f.episodes(1)
+        assert f.telemetry.armed
+        assert not f.heard("disarmed")
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_estimator_lost(tmp_path, like):
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        f.change("SIM_EKF_FAIL", 1)
+        f.until(lambda: f.flight.phase is Phase.DOWN, 60.0)
+        assert f.heard("position estimate") or f.heard("changed the mode")
+        assert f.body()[0][2] < 0.2
+        assert not f.broken
+
+
+@pytest.mark.parametrize("how", [1, 2])
+@pytest.mark.parametrize("like", LIKES)
+def test_gripper_refused(tmp_path, like, how):
+    """1: it says no; 2: it says yes, and the load stays where it is."""
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        f.change("SIM_GRIP_FAIL", how)
+        word = "gripper was refused" if how == 1 else "was not seen to fall"
+        f.until(lambda: f.heard(word))
+        assert not f.ends
+        f.change("SIM_GRIP_FAIL", 0)
+        f.episodes(1)
+
+
+def test_load_feed_lost(tmp_path):
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        f.change("SIM_LOAD_RATE", 0.0)
+        f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
+        f.wait(3.0)
+        assert f.flight.verdict.commander is Commander.HOLD
+        assert f.speed < 0.3
+        assert f.heard("the load is not heard")
+        f.change("SIM_LOAD_RATE", 20.0)
+        f.episodes(1)
+
+
+@pytest.mark.parametrize("jump", [5.0, -5.0])
+def test_clock_jump(tmp_path, jump):
+    with Flying(tmp_path, "ardupilot") as f:
+        f.in_episode()
+        f.change("SIM_CLOCK_JUMP", jump)
+        f.until(lambda: f.flight.verdict.commander is Commander.HOLD)
+        assert f.heard("clock has jumped")
+        f.episodes(1)
+
+
+def test_wrong_system_id(tmp_path):
+    """Of the autopilot: the preflight says whom it heard. Of a stranger: nobody listens to it."""
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        stranger = Codec(7, 1)
+        lie = dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)  # disarmed
+        for message in f.link.codec.read(stranger.pack(lie), whole=True):
+            f.telemetry.take(message, f.clock.now())
+        assert f.telemetry.strangers == {7: 1}
+        f.episodes(1)
+        assert not f.heard("disarmed")
+
+
+KEY, WRONG = bytes(range(32)), bytes(32)
+
+
+def test_unsigned_and_wrongly_signed_packets(tmp_path):
+    with Flying(tmp_path, "px4", keys=(KEY, KEY)) as f:
+        f.in_episode()
+        for key in (None, WRONG):
+            liar = Codec(1, 1, key)
+            lie = dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
+            assert not list(f.link.codec.read(liar.pack(lie), whole=True))
+            Station(f.other, key).mode(f.profile, hold_mode(f.profile))
+        f.episodes(1)
+        assert f.telemetry.mode == f.profile.controlled
+        assert not f.heard("disarmed")
+        assert not f.heard("changed the mode")
+        assert f.link.codec.rejected >= 2
+
+
+def test_a_million_random_and_mutated_bytes(tmp_path):
+    """In flight, on the bridge's own parser, between the packets that matter."""
+    rng = np.random.default_rng(0)
+    sample = Codec(1, 1)
+    good = [
+        sample.pack(dialect.MAVLink_local_position_ned_message(0, 1, 2, 3, 4, 5, 6)),
+        sample.pack(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)),
+        sample.pack(dialect.MAVLink_command_ack_message(211, 4)),
+        sample.pack(dialect.MAVLink_statustext_message(0, b"a" * 50)),
+    ]
+
+    def junk():
+        total = 0
+        while total < 1_000_000:
+            if rng.random() < 0.5:
+                data = rng.bytes(int(rng.integers(1, 600)))
+            else:
+                packet = bytearray(good[rng.integers(len(good))])
+                for _ in range(rng.integers(1, 8)):
+                    packet[rng.integers(len(packet))] = rng.integers(256)
+                data = bytes(packet)
+            total += len(data)
+            yield data
+
+    with Flying(tmp_path, "px4", factor=1.0) as f:
+        f.in_episode()
+        before = f.telemetry.armed, f.telemetry.mode
+        taken = 0
+        for data in junk():
+            with f.flight._lock:
+                for message in f.link.codec.read(data, whole=True):
+                    taken += message.get_type() != "HEARTBEAT"
+        assert taken <= 3  # a checksum of 16 bits lets one in 65,536 through
+        assert (f.telemetry.armed, f.telemetry.mode) == before
+        assert f.flight.phase is not Phase.DOWN
+        f.until(lambda: f.flight.flown + f.flight.abandoned > 0)
+        assert not f.heard("a fault in the bridge")
+
+
+def test_a_state_that_is_no_number_is_not_believed(tmp_path):
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        nan = dialect.MAVLink_local_position_ned_message(0, *[math.nan] * 6)
+        nan._header.srcSystem = 1
+        f.telemetry.take(nan, f.clock.now())
+        f.episodes(1)
+        assert all(np.isfinite(seen.state).all() for _, seen in f.seen)

@@ -1,0 +1,109 @@
+"""Whole flights of the embedded autopilot, faster than real time."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from iolspi_ros.bags import read_demonstration
+from iolspi_ros.bench.flying import Flying
+from iolspi_ros.experiments.headless import Listener, prepare, train
+from iolspi_ros.resources import find
+from msg_bridge.mavlink.phases import Phase
+from sim_nodes.tasks.slung_load import CABLE, DUNK, RELEASE, WALL
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
+    with Flying(tmp_path, like, episodes=6) as f:
+        f.until(lambda: f.flight.phase is Phase.DOWN, 90.0)
+        assert len(f.ends) == 6
+        assert sum(seen.reward == DUNK for seen in f.ends) >= 5
+        assert f.flight.violations == 0
+        assert not f.broken
+        assert f.body()[0][2] < 0.1
+        steps = [seen for _, seen in f.seen]
+        for before, after in itertools.pairwise(steps):
+            assert after.stamp > before.stamp
+            if before.episode == after.episode and not after.last:
+                assert after.step > before.step
+                assert after.reward == pytest.approx(-0.5 * abs(before.state[0]))
+        assert not f.preflight.restore(f.profile)
+    for name, value in {
+        "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0},
+        "ardupilot": {"GUID_TIMEOUT": 3.0, "PSC_JERK_XY": 5.0},
+    }[like].items():
+        assert f.sitl.autopilot.parameters[name] == value  # given back
+    assert (tmp_path / "flight.tlog").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("setpoints", ["acceleration", "velocity"])
+def test_states_are_where_the_vehicle_is(tmp_path, setpoints):
+    """Also along another axis: the task's x is the truth along the track."""
+    truth = []
+    with Flying(
+        tmp_path, "px4", heading=np.pi / 2, origin=(1.0, 2.0), setpoints=setpoints, episodes=2
+    ) as f:
+        act = f.act
+
+        def look(seen):
+            truth.append((seen, f.body()))
+            return act(seen)
+
+        f.act = look
+        f.until(lambda: f.flight.phase is Phase.DOWN, 60.0)
+    assert len(truth) > 20
+    for seen, (position, velocity, load) in truth:
+        x, speed, angle, _ = seen.state
+        assert x == pytest.approx(position[1] - 2.0, abs=0.3)
+        assert speed == pytest.approx(velocity[1], abs=0.5)
+        offset = load - position
+        assert angle == pytest.approx(np.arctan2(offset[1], -offset[2]), abs=0.25)
+
+
+def test_the_reward_of_a_drop_is_where_the_load_came_down(tmp_path):
+    """A load dropped at once, hanging, is below the rim: a miss, whatever it costs."""
+    with Flying(tmp_path, "px4", lambda seen: RELEASE, initial="narrow", episodes=2) as f:
+        for end in f.episodes(2):
+            assert end.reward == -10.0
+            assert end.terminated
+            assert end.action == RELEASE
+
+
+def test_without_a_feed_the_swing_is_estimated(tmp_path):
+    with Flying(
+        tmp_path, "px4", autopilot={"SIM_LOAD_RATE": 0.0}, load_source="estimate", episodes=3
+    ) as f:
+        assert any("estimated" in item.found for item in f.checklist)
+        errors = []
+        act = f.act
+
+        def look(seen):
+            position, _, load = f.body()
+            errors.append(seen.state[2] - np.arctan2(load[0] - position[0], position[2] - load[2]))
+            return act(seen)
+
+        f.act = look
+        f.episodes(3)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.15
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """IOLSPI: taught by a shipped set, then 500 episodes on the model (seconds)."""
+    world, learner = prepare("slung_load", find("config", "slung_load.yaml"), 0)
+    bag = find("demos", "slung_load", "set_5")
+    learner.inform(read_demonstration(bag, "slung_load", world.task.joints).transitions(4))
+    train(world, learner, 500, Listener())
+    return lambda seen: learner.act(seen.state, explore=False)[0]
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_a_policy_warm_started_from_demonstrations_dunks(tmp_path, like, learned):
+    with Flying(tmp_path, like, learned, episodes=10, seed=1) as f:
+        f.until(lambda: f.flight.phase is Phase.DOWN, 120.0)
+        rewards = [end.reward for end in f.ends]
+        assert sum(reward == DUNK for reward in rewards) >= 8, rewards
+        assert not {WALL, CABLE} & set(rewards)
+        assert f.flight.violations == 0
+        assert not f.broken

@@ -1,0 +1,135 @@
+import numpy as np
+import pytest
+
+from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.online import OnlineLSPI, Source
+from iolspi_ros.core.samples import Transitions
+from iolspi_ros.core.shield import HORIZON, allowed, lasting, predict, safest
+from iolspi_ros.errors import InputError
+from iolspi_ros.experiments.headless import Listener, train
+from sim_nodes.tasks import make_task
+from sim_nodes.tasks.slung_load import RELEASE, Outcome, outcome
+from sim_nodes.world import World, WorldSettings
+
+CART = LearnerSettings(
+    n_actions=3, low=(-5.0, -3.0), high=(5.0, 3.0), centers=(5, 5), periodic=(False,),
+    shield=True, envelope_low=(-5.0, -np.inf), envelope_high=(5.0, np.inf),
+)  # fmt: skip
+H = 0.1
+
+
+def cart(state, action):
+    """A cart that accelerates by -2, 0 or 2; returns the state after one step."""
+    following = np.array(state, float)
+    following[..., 0] += H * state[..., 1]
+    following[..., 1] += H * 2.0 * (np.asarray(action) - 1)
+    return following
+
+
+def cart_shield(n=2000):
+    rng = np.random.default_rng(0)
+    state, action = rng.uniform((-5, -3), (5, 3), (n, 2)), rng.integers(3, size=n)
+    none = np.zeros(n, bool)
+    batch = Transitions(state, action, np.zeros(n), cart(state, action), none, none)
+    return CART.guarded().learn(batch)
+
+
+def test_a_step_is_predicted_as_the_vehicle_makes_it():
+    guard, terms, out = cart_shield().guard, np.empty(10), np.empty(2)
+    for state, action in (((1.0, 2.0), 0), ((-4.9, -2.0), 2), ((0.0, 0.0), 1)):
+        inside = predict(guard, np.array(state), action, terms, out)
+        np.testing.assert_allclose(out, cart(np.array(state), action), atol=1e-6)
+        assert inside == (abs(out[0]) <= 5.0)
+
+
+def test_what_cannot_brake_in_time_is_vetoed_and_what_can_is_not():
+    guard = cart_shield().guard
+    # From v at 2 m/s² Euler's method needs x = H Σ v_k = v²/4 + H v/2 more to stop.
+    for speed in (1.0, 1.6):  # stops within the horizon
+        needed = speed**2 / 4 + H * speed / 2
+        late, early = np.array([5.0 - needed + 0.1, speed]), np.array([5.0 - needed - 0.7, speed])
+        assert not any(allowed(guard, late, action) for action in range(3))
+        assert allowed(guard, early, 0)
+        steps = [lasting(guard, late, action) for action in range(3)]
+        assert steps[safest(guard, late, np.array([0.0, 1.0, 2.0]))] == max(steps) < HORIZON
+    assert safest(guard, np.array([4.0, 1.8]), np.array([0.0, 1.0, 2.0])) == 0  # whatever Q̂ says
+    assert lasting(guard, np.zeros(2), 2) == HORIZON
+    assert safest(guard, np.zeros(2), np.array([0.0, 1.0, 2.0])) == 2
+
+
+def test_batches_add_up_and_forget_as_moments_do():
+    rng, n, eta = np.random.default_rng(1), 60, 0.9
+    state, action = rng.uniform(-2, 2, (n, 2)), rng.integers(3, size=n)
+    none = rng.random(n) < 0.2
+    rows = Transitions(state, action, np.zeros(n), cart(state, action), none, none)
+    whole, parts = CART.guarded().learn(rows, eta), CART.guarded()
+    for first in range(0, n, 20):
+        parts = parts.learn(rows[first : first + 20], eta)
+    for name in ("gram", "cross", "seen", "ended"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-10)
+    weight = eta ** np.arange(n - 1, -1, -1)
+    assert whole.seen == pytest.approx(np.bincount(action, weight))
+    assert not parts.guard.active  # twenty samples an action tell too little
+
+
+def slung(shield):
+    task = make_task("slung_load", {}, "test")
+    settings = LearnerSettings(
+        n_actions=4, low=(-6.5, -4.0, -np.pi / 2, -np.pi), high=(3.0, 4.0, np.pi / 2, np.pi),
+        centers=(5, 1, 5, 1), periodic=(False,), sampling_time=0.1, epsilon=0.02,
+        update_interval=500, refresh_iterations=1, shield=shield,
+        envelope_low=(-6.5, -np.inf, -np.pi / 2, -np.inf),
+        envelope_high=(3.0, np.inf, np.pi / 2, np.inf),
+    )  # fmt: skip
+    core = OnlineLSPI(settings, np.random.default_rng(0))
+    rng, n = np.random.default_rng(2), 4000
+    state, action = rng.uniform(settings.low, settings.high, (n, 4)), rng.integers(4, size=n)
+    following, reward, ended = task.step(state, action)
+    core.weights[RELEASE] -= 100.0  # hardly ever, so that episodes last
+    core.shield = core.shield.learn(Transitions(state, action, reward, following, ended, ~ended))
+    return core, World(task, WorldSettings(), np.random.default_rng(3))
+
+
+def ends(core, world, episodes=150):
+    """Outcomes of episodes, and actions with who chose them."""
+    found, seen = [], []
+
+    def look(observation, action, source):
+        seen.append((action, source))
+        if observation.last:
+            found.append(int(outcome(observation.reward, observation.terminated)))
+
+    train(world, core, episodes, Listener(look))
+    return found, seen
+
+
+def test_with_a_shield_hardly_anything_crashes_and_releases_are_never_vetoed():
+    crashes = {}
+    for shield in (False, True):
+        core, world = slung(shield)
+        found, seen = ends(core, world)
+        crashes[shield] = sum(end in (Outcome.CABLE, Outcome.WALL) for end in found)
+        assert core.vetoes == sum(source is Source.SHIELD for _, source in seen)
+        assert bool(core.vetoes) == shield
+    assert crashes[False] > 20
+    assert crashes[True] <= crashes[False] / 5
+    assert core.shield.guard.ends.tolist() == [False, False, False, True]
+    assert allowed(core.shield.guard, np.array([-6.4, -4.0, 0.0, 0.0]), RELEASE)
+
+
+def test_compiled_flight_vetoes_what_single_steps_veto():
+    (one, world), (other, there) = slung(True), slung(True)
+    ends(one, world, 40)
+    train(there, other, 40, Listener())
+    assert one.vetoes == other.vetoes > 0
+    np.testing.assert_array_equal(one.weights, other.weights)
+    np.testing.assert_array_equal(one.shield.gram, other.shield.gram)
+
+
+def test_an_envelope_must_have_limits_that_fit():
+    with pytest.raises(InputError, match="envelope_low has 3 entries; allowed: 1 or 2"):
+        LearnerSettings(envelope_low=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="each low < high"):
+        LearnerSettings(envelope_low=(1.0,), envelope_high=(1.0,))
+    with pytest.raises(InputError, match="shield is on without a limit"):
+        LearnerSettings(shield=True)
