@@ -5,7 +5,9 @@ import time
 import pytest
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action import Action, ActionResult
+from mavsdk.plugins.gripper import Gripper, GripperResult
 from mavsdk.plugins.offboard import Offboard, OffboardResult, VelocityNedYaw
+from mavsdk.plugins.param import Param, ParamResult
 from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
 from sim_nodes.autopilot.server import Sitl
@@ -27,13 +29,43 @@ def mavsdk():
     client.destroy()
 
 
+def connect(mavsdk, sitl):
+    mavsdk.add_any_connection(f"udpout://127.0.0.1:{sitl.addresses[0][1]}")
+    system = mavsdk.first_autopilot(10.0)
+    assert system is not None
+    return system
+
+
+WHOLE = {"px4": ("COM_OBL_RC_ACT", 4), "ardupilot": ("ANGLE_MAX", 4500)}
+BROKEN = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_mavsdk_sets_parameters_and_lets_the_load_go(mavsdk, like):
+    gripper = {"GRIP_ENABLE": 1, "SERVO9_FUNCTION": 28} if like == "ardupilot" else {}
+    with Sitl(like, ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": SPEED_UP} | gripper) as sitl:
+        system = connect(mavsdk, sitl)
+        parameters = Param(system)
+        own = sitl.autopilot.parameters
+        name, value = WHOLE[like]
+        assert parameters.get_param_int(name) == own[name]
+        assert parameters.set_param_int(name, value) == ParamResult.SUCCESS
+        assert own[name] == value
+        assert parameters.get_param_float(BROKEN[like]) == own[BROKEN[like]]
+        parameters.set_param_float(BROKEN[like], 0.75)
+        assert own[BROKEN[like]] == 0.75
+        if like == "px4":  # of whose gripper's two answers MAVSDK's blocking call takes the first
+            assert Action(system).set_actuator(1, 1.0) == ActionResult.SUCCESS
+        else:
+            assert Gripper(system).release(1) == GripperResult.SUCCESS
+        wait(lambda: not sitl.autopilot.body.attached)
+
+
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_mavsdk_connects_arms_takes_off_flies_and_lands(mavsdk, like):
     urls, parameters = ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": SPEED_UP}
     with Sitl(like, urls, parameters, ready_after=2.0) as sitl:
-        mavsdk.add_any_connection(f"udpout://127.0.0.1:{sitl.addresses[0][1]}")
-        system = mavsdk.first_autopilot(10.0)
-        assert system is not None
+        system = connect(mavsdk, sitl)
         telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
         wait(telemetry.health_all_ok)
         assert action.set_takeoff_altitude(3.0) == ActionResult.SUCCESS

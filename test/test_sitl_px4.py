@@ -288,3 +288,12 @@ def test_it_disarms_on_the_ground_also_in_offboard():
         lambda _: peer.aim(VELOCITY, speed=(0, 0, 1)),
     )
     assert not peer.body.broken
+
+
+def test_who_asks_for_what_a_failsafe_does_keeps_it():
+    peer = copter(COM_OBL_RC_ACT=5)
+    peer.run(1.5)
+    assert now_in(peer, HOLD)
+    assert peer.mode(4, 3) == [0]
+    peer.run(1.0, stream(peer))
+    assert now_in(peer, HOLD)

@@ -131,7 +131,7 @@ class Commander:
 
     def set_mode(self, mode: Mode) -> bool:
         """Change the mode as a person asks for it; whether it did."""
-        if mode is self.mode:
+        if mode is self.intended and not self.failsafes:
             return True
         if self.armed and mode not in (Mode.MANUAL, Mode.LAND) and not self.ready:
             self._say_refused(mode, "requires position")

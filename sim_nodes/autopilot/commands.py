@@ -76,11 +76,8 @@ class Inbox:
         if isinstance(commander, Px4):
             target = setpoints.of_px4(message, yaw)
             if target is None:
-                self._a.say(
-                    CRITICAL,
-                    "SET_POSITION_TARGET_LOCAL_NED: coordinate frame "
-                    f"{message.coordinate_frame} or mask unsupported",
-                )
+                frame, mask = message.coordinate_frame, message.type_mask
+                self._a.say(CRITICAL, f"Setpoint unsupported: frame {frame}, mask 0x{mask:04X}")
             else:
                 commander.setpoint(target)
         elif isinstance(commander, ArduPilot):
@@ -144,7 +141,7 @@ class Inbox:
         return Result.ACCEPTED  # also when it was refused: measured
 
     def _take_off(self, m: Any, link: Link, _: Any) -> Result:
-        height = m.z if m.get_type() == "COMMAND_INT" else m.param7
+        height = float(m.param7 if m.get_type() == "COMMAND_LONG" else m.z)
         if isinstance(self._a.commander, Px4):
             default = float(self._a.parameters["MIS_TAKEOFF_ALT"])
             height = height - telemetry.HOME[2] if math.isfinite(height) else default
@@ -156,27 +153,26 @@ class Inbox:
     def _land(self, m: Any, link: Link, _: Any) -> Result:
         return Result.ACCEPTED if self._a.commander.set_mode(Mode.LAND) else Result.FAILED
 
-    def _gripper(self, m: Any, link: Link, answer: Any) -> None:
-        release = self._a.release
-        px4 = isinstance(self._a.commander, Px4)
-        (release.gripper_of_px4 if px4 else release.gripper_of_ardupilot)(_whole(m.param2), answer)
+    def _gripper(self, m: Any, link: Link, answer: Any) -> Result:
+        if isinstance(self._a.commander, Px4):
+            return self._a.release.gripper_of_px4(_whole(m.param2), answer)
+        return self._a.release.gripper_of_ardupilot(_whole(m.param2))
 
-    def _servo(self, m: Any, link: Link, answer: Any) -> Result | None:
+    def _servo(self, m: Any, link: Link, _: Any) -> Result:
         if isinstance(self._a.commander, Px4):
             return Result.UNSUPPORTED
-        self._a.release.servo_of_ardupilot(_whole(m.param1), m.param2, answer)
-        return None
+        return self._a.release.servo_of_ardupilot(_whole(m.param1), m.param2)
 
-    def _actuator(self, m: Any, link: Link, answer: Any) -> Result | None:
+    def _actuator(self, m: Any, link: Link, _: Any) -> Result:
         if not isinstance(self._a.commander, Px4):
             return Result.UNSUPPORTED
-        self._a.release.actuator_of_px4(m.param1, answer)
-        return None
+        return self._a.release.actuator_of_px4(m.param1)
 
     def _reboot(self, m: Any, link: Link, answer: Any) -> Result | None:
         if _whole(m.param1) != 1:
             return Result.DENIED
-        if self._a.commander.armed and m.param6 != 20190226:
+        forced = (m.param6 if m.get_type() == "COMMAND_LONG" else m.y) == 20190226
+        if self._a.commander.armed and not forced:
             return Result.FAILED
         answer(Result.ACCEPTED)
         self._a.boot()
@@ -214,7 +210,7 @@ class Inbox:
         self._a.send(message, link)
         return Result.ACCEPTED
 
-    def _get_home(self, m: Any, link: Link, answer: Any) -> Result:
+    def _get_home(self, m: Any, link: Link, _: Any) -> Result:
         message = telemetry.BUILDERS["HOME_POSITION"](self._a)
         if message is None:
             return Result.FAILED

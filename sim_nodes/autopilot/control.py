@@ -14,12 +14,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim_nodes.autopilot.dynamics import PITCH, ROLL, YAW, Airframe, move, thrust_direction
+from sim_nodes.autopilot.dynamics import PITCH, ROLL, THRUST, YAW, Airframe, move, thrust_direction
 
 Array = NDArray[np.float64]
 
 PLACE, SPEED, PUSH = 1, 2, 4
 """What a target says about an axis: position, velocity, acceleration; added where several."""
+
+HOVER_TIME = 1.0
+"""In which the thrust of hovering is learned [s]."""
 
 
 class Gains(NamedTuple):
@@ -143,6 +146,26 @@ def attitude(wanted: Array, yaw: float, gains: Gains, g: float) -> tuple[float, 
 
 
 @njit(cache=True)
+def learn_hover(hover: Array, state: Array, sinks: float, g: float, dt: float) -> None:
+    """What the thrust does not turn into acceleration is the weight of the load.
+
+    Parameters
+    ----------
+    hover : ndarray of shape (1,)
+        Changed in place.
+    state : ndarray of shape (19,)
+    sinks : float
+        Acceleration downwards [m/s^2].
+    g, dt : float
+    """
+    _, _, down = thrust_direction(state[ROLL], state[PITCH], state[YAW])
+    lift = g - sinks
+    if lift > 0.3 * g:
+        ratio = clip(state[THRUST] * down / lift, 0.8, 2.0)
+        hover[0] += (ratio - hover[0]) * dt / HOVER_TIME
+
+
+@njit(cache=True)
 def fly(
     state: Array, reference: Array, integral: Array, hover: Array,
     use: NDArray[np.int64], values: Array, yaw: float, yaw_rate: float,
@@ -192,10 +215,5 @@ def fly(
         before = state[5]
         impact = max(impact, move(state, command, wind, attached, frame, dt))
         if motors and state[2] < -0.1:
-            # What the thrust did not turn into acceleration is the weight of the load.
-            _, _, down = thrust_direction(state[ROLL], state[PITCH], state[YAW])
-            lift = frame.g - (state[5] - before) / dt
-            if lift > 0.3 * frame.g:
-                ratio = clip(state[12] * down / lift, 0.9, 1.3)
-                hover[0] += (ratio - hover[0]) * dt / 1.0
+            learn_hover(hover, state, (state[5] - before) / dt, frame.g, dt)
     return impact

@@ -12,12 +12,11 @@ from sim_nodes.autopilot.parameters import Parameters
 
 _GRIPPER_FUNCTION = 28
 _GRIPPER_CHANNEL = 9
-_MOTORS = range(1, 5)
+_NEAR = 100  # of a width of pulse that moves it [µs]; chosen
 _MOVES_AFTER = 0.03  # a pulse has changed [s]; measured: within 0.05 s
 _SAID_AFTER = 0.56  # measured [s]
 
 Later = Callable[[float, Callable[[], None]], None]
-Answer = Callable[[Result], None]
 
 
 class Release:
@@ -60,19 +59,14 @@ class Release:
     def _pulse(self, channel: int, width: int) -> None:
         self.servos[channel - 5] = width
 
-    # ------------------------------------------------------------ ArduCopter
-
-    def gripper_of_ardupilot(self, action: int, answer: Answer) -> None:
+    def gripper_of_ardupilot(self, action: int) -> Result:
         """DO_GRIPPER: enabled and not yet booted with it, it says yes and does nothing."""
         wanted = {0: "GRIP_RELEASE", 1: "GRIP_GRAB"}.get(action)
-        if wanted is None or not self._parameters["GRIP_ENABLE"]:
-            return answer(Result.FAILED)
-        if self._parameters["SIM_GRIP_FAIL"] == 1:
-            return answer(Result.FAILED)
-        answer(Result.ACCEPTED)
-        mapped = self._parameters["SERVO9_FUNCTION"] == _GRIPPER_FUNCTION
-        if not (self._enabled and mapped):
-            return None
+        refuses = self._parameters["SIM_GRIP_FAIL"] == 1
+        if wanted is None or refuses or not self._parameters["GRIP_ENABLE"]:
+            return Result.FAILED
+        if not self._enabled or self._parameters["SERVO9_FUNCTION"] != _GRIPPER_FUNCTION:
+            return Result.ACCEPTED
 
         def move() -> None:
             self._pulse(_GRIPPER_CHANNEL, int(self._parameters[wanted]))
@@ -81,40 +75,35 @@ class Release:
         done = "released" if action == 0 else "grabbed"
         self._later(_MOVES_AFTER, move)
         self._later(_SAID_AFTER, lambda: self._say(INFO, f"Gripper load {done}"))
-        return None
+        return Result.ACCEPTED
 
-    def servo_of_ardupilot(self, channel: int, width: float, answer: Answer) -> None:
+    def servo_of_ardupilot(self, channel: int, width: float) -> Result:
         """DO_SET_SERVO: any width on a channel that no motor is on."""
-        free = 5 <= channel <= 16
-        if not free or self._parameters["SIM_GRIP_FAIL"] == 1:
-            return answer(Result.FAILED)
-        answer(Result.ACCEPTED)
-        if not 0 <= width <= 65535:
-            return None
-        self._pulse(channel, int(width))
+        if not 5 <= channel <= 16 or self._parameters["SIM_GRIP_FAIL"] == 1:
+            return Result.FAILED
+        if 0 <= width <= 65535:
+            self._pulse(channel, int(width))
         if channel == _GRIPPER_CHANNEL:
-            for name, opens in (("GRIP_RELEASE", True), ("GRIP_GRAB", False)):
-                if abs(width - self._parameters[name]) <= 100:
-                    self._later(_MOVES_AFTER, lambda opens=opens: self._set(opens))  # type: ignore[misc]
-        return None
+            opens = abs(width - self._parameters["GRIP_RELEASE"]) <= _NEAR
+            if opens or abs(width - self._parameters["GRIP_GRAB"]) <= _NEAR:
+                self._later(_MOVES_AFTER, lambda: self._set(opens))
+        return Result.ACCEPTED
 
-    # ------------------------------------------------------------ PX4
-
-    def gripper_of_px4(self, action: int, answer: Answer) -> None:
+    def gripper_of_px4(self, action: int, answer: Callable[[Result], None]) -> Result:
         """DO_GRIPPER: in progress at once, done after more than a second, moved or not."""
-        if action not in (0, 1) or self._parameters["SIM_GRIP_FAIL"] == 1:
-            return answer(Result.FAILED if action in (0, 1) else Result.DENIED)
-        answer(Result.IN_PROGRESS)
+        if action not in (0, 1):
+            return Result.DENIED
+        if self._parameters["SIM_GRIP_FAIL"] == 1:
+            return Result.FAILED
         self._later(_MOVES_AFTER, lambda: self._set(action == 0))
         took = float(self._rng.uniform(1.0, 1.5))  # measured
         self._later(took, lambda: answer(Result.ACCEPTED))
-        return None
+        return Result.IN_PROGRESS
 
-    def actuator_of_px4(self, value: float, answer: Answer) -> None:
+    def actuator_of_px4(self, value: float) -> Result:
         """DO_SET_ACTUATOR, the first of its first set: open from 0.5 on, shut up to -0.5."""
         if self._parameters["SIM_GRIP_FAIL"] == 1:
-            return answer(Result.FAILED)
-        answer(Result.ACCEPTED)
+            return Result.FAILED
         if abs(value) >= 0.5:
             self._later(_MOVES_AFTER, lambda: self._set(value > 0.0))
-        return None
+        return Result.ACCEPTED
