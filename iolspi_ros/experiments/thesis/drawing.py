@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from iolspi_ros.experiments.thesis.study import Rows
 
-_REFERENCE = "#c92a2a"
+_REFERENCE = "#1f2933"
 
 
 def curves(
@@ -87,8 +87,8 @@ def histories(title: str) -> Callable[[Rows], Figure]:
         for axes, run in zip(figure.subplots(len(runs), 1, squeeze=False)[:, 0], runs, strict=True):
             mine = [row for row in rows if row["run"] == run]
             angle, reward = (np.array([float(r[key]) for r in mine]) for key in ("angle", "reward"))
-            begins = [k for k in range(len(mine)) if k and mine[k]["x"] != mine[k - 1]["x"]
-                      and mine[k]["episode"] != mine[k - 1]["episode"]]  # fmt: skip
+            episode = [row["episode"] for row in mine]
+            begins = [k for k in range(1, len(mine)) if episode[k] != episode[k - 1]]
             jumps = np.abs(np.diff(angle, prepend=angle[0])) > np.pi
             axes.plot(np.where(jumps, np.nan, angle), lw=1.0, color="#0b7285", label="angle [rad]")
             axes.plot(reward / 10.0, lw=0.8, color="#d9822b", label="reward / 10")

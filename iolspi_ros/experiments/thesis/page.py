@@ -108,7 +108,7 @@ _HEAD = (
     "interval, *not* when none does, *partly* when some parts hold or an interval leaves it open. "
     "n is the largest number of realisations of its settings; a figure's legend gives each "
     "curve's. The demonstrations are those of a scripted pilot, where T had a person. "
-    "Dashed curves are the refreshed learner, of fewer realisations; the red line is the "
+    "Dashed curves are the refreshed learner, of fewer realisations; the black line is the "
     "near-optimal policy, without exploration.",
     "",
 )

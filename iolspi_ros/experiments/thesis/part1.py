@@ -135,7 +135,7 @@ def studies() -> list[Study]:
               curves.cells(DISTRIBUTED | hanging, ("set 5",)), CLAIMS, -1000.0, tuple(hanging)),
         *pair(("fig14", "fig15"), "g jumps from 9.81 to 19.81 m/s² at 300 s, ε = 0.05",
               "Part I, IV-A-4, Figs. 14 and 15", curves.cells(JUMPING, ("nothing", "set 5")),
-              CLAIMS, -5000.0),
+              CLAIMS, -2500.0),
         *(histories(f"fig{number}", f"Episodes before and after g jumps, from {label}",
                     f"Part I, IV-A-4, Fig. {number}",
                     {name: Episodes(s, WINDOWS) for name, s in JUMPING.items()
