@@ -330,3 +330,15 @@ def test_at_least_thirty_claims_of_the_thesis_are_decided():
     assert {row["verdict"] for row in rows} <= {verdict.value for verdict in Verdict}
     for row in said:
         assert row["verdict"] == "reproduced" or row["why"], row["claim"]
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 100])
+def test_bounds_are_narrower_with_more_realisations(n):
+    """σ / √n: a tenth of them has bounds √10 times as wide."""
+    score = np.random.default_rng(3).normal(-4000.0, 300.0, (n, 200))
+    found = chapter9._widths({"online LSPI": {"score": score}})
+    assert len(found) >= 1
+    if n == 100:
+        whole = found[-2]
+        assert whole.measured.mean == pytest.approx(1 / np.sqrt(10), rel=0.2)
+        assert all(finding.verdict is Verdict.REPRODUCED for finding in found)

@@ -125,11 +125,13 @@ def _widths(data: Data) -> list[Finding]:
     (cell,) = data.values()
     score = cell["score"]
     n = len(score)
+    sizes = sorted({max(2, n // 10), max(2, n // 4), max(2, n // 2), n})
     groups = {
-        k: np.array([_width(score[i : i + k]) for i in range(0, n - k + 1, k)])
-        for k in (n // 10, n // 4, n // 2, n)
-        if k > 1
+        k: np.array([_width(score[i : i + k]) for i in range(0, n - k + 1, k)]) for k in sizes
     }
+    if len(groups) < 2:
+        nothing = Interval(np.nan, np.nan, np.nan)
+        return [claims.above("too few realisations to tell", nothing)]
     first, *_, last = groups
     found = [
         claims.below(

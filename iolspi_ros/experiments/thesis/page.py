@@ -107,7 +107,9 @@ _HEAD = (
     "of a difference taken seed by seed: *reproduced* when every part of it holds for the whole "
     "interval, *not* when none does, *partly* when some parts hold or an interval leaves it open. "
     "n is the largest number of realisations of its settings; a figure's legend gives each "
-    "curve's. The demonstrations are those of a scripted pilot, where T had a person. "
+    "curve's. The demonstrations are those of a scripted pilot, where T had a person. T leaves δ "
+    "open and flies every solve; here δ = 1, and an unhealthy solve is not used (see "
+    "`architecture.md`), which can decide a claim. "
     "Dashed curves are the refreshed learner, of fewer realisations; the black line is the "
     "near-optimal policy, without exploration.",
     "",
