@@ -42,6 +42,8 @@ LARGE = (5, 4, 7, 4)
 """Centres of the larger grid: 2,240 functions, the velocities among them."""
 SHORTER = 6_000
 """Episodes of what takes long or has long converged by then."""
+FEW = 6
+"""Realisations of those; `iolspi bench safety` takes as many of them as of the others."""
 
 _REFRESHED = replace(INFORMED, algorithm="refreshed", refresh_iterations=2)
 _LARGER = replace(INFORMED, centers=LARGE)
@@ -59,10 +61,10 @@ def safety() -> tuple[Cell, ...]:
     return (
         _cell(ONLINE_T, Dropping(ONLINE), 6.0),
         _cell(INFORMED_T, Dropping(INFORMED, samples=SET), 8.0),
-        _cell(REFRESHED_T, Dropping(_REFRESHED, samples=SET, episodes=SHORTER, looks=6), 20.0),
-        _cell(GREEDY, Dropping(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0),
+        _cell(REFRESHED_T, Dropping(_REFRESHED, samples=SET, episodes=SHORTER, looks=6), 20.0, FEW),
+        _cell(GREEDY, Dropping(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0, FEW),
         _cell(SHIELDED, Dropping(replace(_LARGER, shield=True), samples=SET, episodes=SHORTER,
-                                 looks=6), 50.0),
+                                 looks=6), 50.0, FEW),
         Cell(NEAR_OPTIMAL, best, Dropping(), 1, 30.0),
     )  # fmt: skip
 
@@ -73,7 +75,7 @@ def narrow() -> tuple[Cell, ...]:
         _cell(CONSTANT, Dropping(INFORMED), 3.0),
         _cell(NARROW, Dropping(ONLINE, "narrow"), 3.0),
         _cell(NARROW_INFORMED, Dropping(INFORMED, "narrow", SET), 4.0),
-        _cell(NARROW_LARGE, Dropping(_LARGER, "narrow", SET, SHORTER, 6), 30.0),
+        _cell(NARROW_LARGE, Dropping(_LARGER, "narrow", SET, SHORTER, 6), 30.0, FEW),
     )
 
 
