@@ -31,7 +31,6 @@ FLYING = Situation(episode=True)
         ({"paused": True}, Commander.HOLD),
         ({"deadman": False}, Commander.HOLD),
         ({"pilot": True}, Commander.PILOT),
-        ({"active": False}, Commander.NOBODY),
         ({"episode": False}, Commander.BRIDGE),
         ({"episode": False, "action_age": math.inf}, Commander.BRIDGE),
         ({"episode": False, "deadman": False}, Commander.HOLD),
@@ -42,7 +41,6 @@ def test_each_cause_alone(changed, commander):
 
 
 ABOVE = [
-    ({"active": False}, Commander.NOBODY),
     ({"silence": 9.0}, Commander.HOLD),
     ({"armed": False}, Commander.OTHER),
     ({"controlled": False}, Commander.OTHER),

@@ -21,6 +21,12 @@ ROS_FREE = ["iolspi_ros/core", "sim_nodes/tasks", "sim_nodes/world.py", "sim_nod
             "iolspi_ros/report",
             "iolspi_ros/bags"]  # fmt: skip
 
+ROS_FREE += [
+    f"msg_bridge/mavlink/{path.name}"
+    for path in (ROOT / "msg_bridge/mavlink").glob("*.py")
+    if path.name != "node.py"
+]
+
 
 def imports(path):
     for node in ast.walk(ast.parse(path.read_text())):

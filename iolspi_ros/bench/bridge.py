@@ -58,8 +58,8 @@ def rows(show: Callable[[int], None]) -> list[Row]:
 
 def flown(folder: Path, like: str, act: Act, episodes: int = EPISODES) -> list[Row]:
     """Episodes flown by a policy that was warm-started from demonstrations."""
-    with Flying(folder, like, act, episodes=episodes, seed=2) as f:
-        f.until(lambda: f.flight.phase is Phase.DOWN, 30.0 + 10.0 * episodes)
+    with Flying(folder, like, act, factor=2.0, episodes=episodes, seed=2) as f:
+        f.until(lambda: f.flight.phase is Phase.DOWN, 60.0 + 20.0 * episodes)
         rewards = np.array([end.reward for end in f.ends])
         crashes = np.isin(rewards, (WALL, CABLE)).sum() + f.broken
         violations = f.flight.violations

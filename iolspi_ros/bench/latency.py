@@ -151,7 +151,8 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
         episode, step, sec, nanosec, _, terminated, truncated, _ = rewards.read(message)
         if terminated or truncated:
             return
-        reply = actions.message(episode, step, sec, nanosec, 2 * (step % 2), Source.SCRIPTED)
+        other = 2 * (len(asked) % 2)  # never the same twice, also when a step is left out
+        reply = actions.message(episode, step, sec, nanosec, other, Source.SCRIPTED)
         asked.append(time.time_ns())
         out.publish(reply)
 

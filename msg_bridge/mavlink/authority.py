@@ -16,7 +16,7 @@ class Commander(IntEnum):
     """Who commands. The numbers are those on the topic `authority`."""
 
     NOBODY = 0
-    """Nothing is sent but heartbeats: not active, or not flying."""
+    """Nothing is sent but heartbeats: not flying."""
     BRIDGE = 1
     """Take-off, flight to the next initial condition, and what comes after an episode."""
     ACTOR = 2
@@ -69,8 +69,6 @@ class Situation(NamedTuple):
 
     Attributes
     ----------
-    active : bool
-        The node is active and has begun to fly.
     silence : float
         Since the vehicle was heard at all.
     telemetry_age : float
@@ -99,7 +97,6 @@ class Situation(NamedTuple):
         A person has asked to wait.
     """
 
-    active: bool = True
     silence: float = 0.0
     telemetry_age: float = 0.0
     armed: bool = True
@@ -125,9 +122,7 @@ class Verdict(NamedTuple):
 
 
 def decide(s: Situation, timeouts: Timeouts) -> Verdict:
-    """Who commands in a situation."""
-    if not s.active:
-        return Verdict(Commander.NOBODY, "not active")
+    """Who commands a vehicle in flight."""
     if s.silence > timeouts.telemetry_timeout:
         return Verdict(Commander.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
     if not s.armed:

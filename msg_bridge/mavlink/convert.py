@@ -68,11 +68,6 @@ def local_position(message: Any) -> tuple[Array, Array]:
     return swap_world(np.array([m.x, m.y, m.z])), swap_world(np.array([m.vx, m.vy, m.vz]))
 
 
-def global_velocity(message: Any) -> Array:
-    """Velocity [m/s], ENU, of a GLOBAL_POSITION_INT, which has cm/s, NED."""
-    return swap_world(np.array([message.vx, message.vy, message.vz]) * 0.01)
-
-
 def global_offset(message: Any, reference: Any) -> Array:
     """From one GLOBAL_POSITION_INT to another [m], ENU: degrees times 1e7 and millimetres."""
     latitude = reference.lat * _DEGREE_E7

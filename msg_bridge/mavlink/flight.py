@@ -26,7 +26,7 @@ from msg_bridge.mavlink.setpoints import Push, Stay, Wish
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.sight import Sight
 from msg_bridge.mavlink.steering import Steering
-from msg_bridge.mavlink.voice import Say, Voice
+from msg_bridge.mavlink.voice import Say, Voice, where
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 Array = NDArray[np.float64]
@@ -304,7 +304,7 @@ class Flight:
         )  # fmt: skip
         if not there:
             self._settled = now
-            self._voice.complain(now, f"settling at x = {self._target:.1f} m, {_words(m)}")
+            self._voice.complain(now, f"settling at x = {self._target:.1f} m, {where(m)}")
         elif now - self._settled >= self.settings.settle_time and now >= self._probe:
             self._start(now)
 
@@ -400,7 +400,3 @@ _HANDLERS: dict[Phase, Callable[[Flight, float], None]] = {
     Phase.BRAKE: Flight._braking,
     Phase.RELOAD: Flight._reloading,
 }
-
-
-def _words(m: Motion) -> str:
-    return f"now x = {m.x:.2f} m, speed {m.speed:.2f} m/s, swing {m.swing:.2f} rad"

@@ -41,8 +41,6 @@ class Runner:
         self._stopping = threading.Event()
         self._failed = -1.0
         self._thread = threading.Thread(target=self._run, name="setpoints", daemon=True)
-        self.latest = 0.0
-        """The most by which a setpoint was late so far [s] of vehicle time."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -59,7 +57,6 @@ class Runner:
             now = clock.now()
             try:
                 if now >= due:
-                    self.latest = max(self.latest, now - due)
                     due = max(due + period, now)
                     flight.tick(now)
                 else:

@@ -56,7 +56,6 @@ class Telemetry:
     tilt: float = 0.0
     flags: int | None = None
     lost_time: float = math.inf
-    landed: bool | None = None
     round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=3))
     load_offset: Array = field(default_factory=lambda: np.full(3, np.nan))
     load_time: float = NEVER
@@ -162,10 +161,6 @@ class Telemetry:
         if message.tc1 and 0.0 <= passed < 60.0:  # else it is a question, or no answer to us
             self.round_trips.append(passed)
 
-    def _extended(self, message: Any, now: float) -> None:
-        if message.landed_state != dialect.MAV_LANDED_STATE_UNDEFINED:
-            self.landed = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
-
     def _text(self, message: Any, now: float) -> None:
         text = message.text
         if isinstance(text, bytes):
@@ -209,7 +204,6 @@ _OF_VEHICLE: dict[str, Callable[[Telemetry, Any, float], None]] = {
     "ATTITUDE": Telemetry._attitude,
     "EKF_STATUS_REPORT": Telemetry._estimator,
     "ESTIMATOR_STATUS": Telemetry._estimator,
-    "EXTENDED_SYS_STATE": Telemetry._extended,
     "TIMESYNC": Telemetry._timesync,
     "STATUSTEXT": Telemetry._text,
     "COMMAND_ACK": Telemetry._ack,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from msg_bridge.mavlink.authority import Commander, Verdict
+from msg_bridge.mavlink.envelope import Motion
 from msg_bridge.mavlink.telemetry import Telemetry
 
 if TYPE_CHECKING:
@@ -58,6 +59,11 @@ class Voice:
             self._complained = now
             said = self._telemetry.texts_since(now - _COMPLAIN)
             self.say("warning", what + (f"; autopilot: {said[-1]}" if said else ""))
+
+
+def where(m: Motion) -> str:
+    """Where a vehicle is, in words."""
+    return f"now x = {m.x:.2f} m, speed {m.speed:.2f} m/s, swing {m.swing:.2f} rad"
 
 
 def report(flight: Flight) -> dict[str, Any]:
