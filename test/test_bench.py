@@ -43,11 +43,11 @@ def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
             ending[:, ::every] = [[Outcome.WALL], [Outcome.CABLE]]
         judged = np.zeros((2, 2, 5), int)
         judged[:, -1, Outcome.DUNK], judged[:, -1, Outcome.OPEN] = dunks, 10 - dunks
-        numbers = {name: np.ones((2, 2)) for name in ("discounted", "bare_discounted", "vetoes")}
+        numbers = {name: np.ones((2, 2)) for name in ("discounted", "flipped_discounted", "vetoes")}
         return {"ending": ending, "judged": judged, **numbers}
 
     data = {c.ONLINE_T: cell(10, 3), c.INFORMED_T: cell(20, 4), c.GREEDY: cell(20, 10),
-            c.SHIELDED: cell(0, 9), c.NARROW_LARGE: cell(20, 7),
+            c.SHIELDED: cell(0, 9), c.FINE: cell(20, 10), c.NARROW_LARGE: cell(20, 7),
             NEAR_OPTIMAL: {"judged": np.array([[0, 10, 0, 0, 0]])}}  # fmt: skip
     found = {row.name: row for row in safety.rows(data)}
     assert found["online: crashes per 1,000 episodes, 0 to 15000"].value == pytest.approx(100.0)
@@ -56,7 +56,7 @@ def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
     fewer = found["crashes fewer with demonstrations than without, 15,000 episodes"]
     assert fewer.value == pytest.approx(50.0)
     assert fewer.holds
-    assert found["informed, larger grid: greedy dunks, mean"].holds
+    assert found["informed, finest grid: greedy dunks, mean"].holds
     assert not found["narrow, informed, larger grid: greedy dunks, mean"].holds
     over = "crashes with demonstrations and shield over online's, episodes 0 to 1000"
     assert found[over].value == 0.0

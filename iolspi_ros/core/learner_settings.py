@@ -113,13 +113,13 @@ class LearnerSettings(Settings):
         )  # fmt: skip
 
     def guarded(self) -> Shield:
-        """A shield that has seen nothing; one without limits when it is off."""
-        low, high = self._envelope() if self.shield else (np.array([-np.inf]), np.array([np.inf]))
+        """A shield that has seen nothing."""
+        low, high = self._envelope()
         edges = np.array([self.low, self.high])
         period = self.features().table.periods
         shape = (len(self.low),)
         return Shield.empty(
-            np.broadcast_to(low, shape).copy(), np.broadcast_to(high, shape).copy(),
+            self.shield, np.broadcast_to(low, shape).copy(), np.broadcast_to(high, shape).copy(),
             edges.mean(axis=0), (edges[1] - edges[0]) / 2, period, self.n_actions,
         )  # fmt: skip
 

@@ -69,6 +69,8 @@ class Shield:
 
     Parameters
     ----------
+    raised : bool
+        Whether it vetoes; otherwise it only learns.
     low, high : ndarray of shape (n_dims,)
         Envelope, in SI units and radians; infinite where there is no limit. Nothing is ever
         vetoed when all are.
@@ -80,6 +82,7 @@ class Shield:
         Weight of the samples of each action, and of those that ended the task.
     """
 
+    raised: bool
     low: Array
     high: Array
     middle: Array
@@ -92,12 +95,19 @@ class Shield:
 
     @classmethod
     def empty(
-        cls, low: Array, high: Array, middle: Array, half: Array, period: Array, n_actions: int
+        cls,
+        raised: bool,
+        low: Array,
+        high: Array,
+        middle: Array,
+        half: Array,
+        period: Array,
+        n_actions: int,
     ) -> Shield:
         """Before any sample."""
         n_terms, n_dims = len(_terms(len(low))[0]), len(low)
         return cls(
-            low, high, middle, half, period,
+            raised, low, high, middle, half, period,
             np.zeros((n_actions, n_terms, n_terms)), np.zeros((n_actions, n_terms, n_dims)),
             np.zeros(n_actions), np.zeros(n_actions),
         )  # fmt: skip
@@ -153,13 +163,13 @@ class Shield:
         ends = (self.seen > 0.0) & (self.ended >= self.seen)
         weights = np.zeros((n_actions, n_dims, n_terms))
         known = bool((ends | (self.seen >= SAMPLES_PER_TERM * n_terms)).all() and not ends.all())
-        if known and self.bounded:
+        if known:
             ridge = RIDGE * np.eye(n_terms)
             for a in np.flatnonzero(~ends):
                 weights[a] = np.linalg.solve(self.gram[a] + ridge, self.cross[a]).T
         return Guard(
-            known and self.bounded, self.low, self.high, self.middle, self.half, self.period,
-            parent, factor, weights, ends,
+            known and self.raised, self.low, self.high, self.middle, self.half, self.period, parent,
+            factor, weights, ends,
         )  # fmt: skip
 
 

@@ -87,8 +87,8 @@ def drop(setting: Dropping, seed: int) -> Mapping[str, Any]:
         behind the shield when there is one.
     discounted : ndarray of shape (looks + 1,)
         Their mean discounted return.
-    bare, bare_discounted
-        The same without the shield.
+    flipped, flipped_discounted
+        The same with the shield the other way round: lowered, or raised with what it has learned.
     steps : int
         Flown in all.
     """
@@ -107,7 +107,8 @@ def drop(setting: Dropping, seed: int) -> Mapping[str, Any]:
 
     def look() -> None:
         row: list[Any] = [core.vetoes]
-        for shield in (core.shield, None):
+        for raised in (setting.learner.shield, not setting.learner.shield):
+            shield = replace(core.shield, raised=raised)
             flown = evaluate(task, policy_of(core.weights, core.features, shield))
             row += [np.bincount(flown.ending, minlength=5), flown.discounted_return]
         looks.append(row)
@@ -116,7 +117,7 @@ def drop(setting: Dropping, seed: int) -> Mapping[str, Any]:
     for first, last in zip(setting.counts[:-1], setting.counts[1:], strict=True):
         train(world, core, last - first, Listener(on_episode=ended))
         look()
-    names = ("vetoes", "judged", "discounted", "bare", "bare_discounted")
+    names = ("vetoes", "judged", "discounted", "flipped", "flipped_discounted")
     found = dict(zip(names, map(np.array, zip(*looks, strict=True)), strict=True))
     return {
         "score": np.array(scores), "ending": np.array(endings, np.int8), **found,

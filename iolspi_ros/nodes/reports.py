@@ -121,7 +121,7 @@ class Reports:
         runtime.publish(self._diagnostics_out, message)
 
     def _shield(self) -> str:
-        if not self._core.shield.bounded:
+        if not self._core.shield.raised:
             return "off"
         active = self._core.shield.guard.active
         return f"{self._core.vetoes} vetoes" + ("" if active else ", not enough samples yet")

@@ -22,6 +22,7 @@ from iolspi_ros.experiments.thesis.slung_load_claims import (
     BIN,
     CLAIMS,
     CONSTANT,
+    FINE,
     GREEDY,
     INFORMED_T,
     NARROW,
@@ -40,6 +41,8 @@ SET = "set 5"
 """Of the demonstrations: explore, a third of the actions random, T's best for the pendulum."""
 LARGE = (5, 4, 7, 4)
 """Centres of the larger grid: 2,240 functions, the velocities among them."""
+FINEST = (5, 5, 7, 5)
+"""3,500 functions: more hardly dunk more, and take longer."""
 SHORTER = 6_000
 """Episodes of what takes long or has long converged by then."""
 FEW = 6
@@ -65,6 +68,8 @@ def safety() -> tuple[Cell, ...]:
         _cell(GREEDY, Dropping(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0, FEW),
         _cell(SHIELDED, Dropping(replace(_LARGER, shield=True), samples=SET, episodes=SHORTER,
                                  looks=6), 50.0, FEW),
+        _cell(FINE, Dropping(replace(_LARGER, centers=FINEST), samples=SET, episodes=SHORTER,
+                             looks=6), 60.0, FEW),
         Cell(NEAR_OPTIMAL, best, Dropping(), 1, 30.0),
     )  # fmt: skip
 
