@@ -224,34 +224,36 @@ class OnlineLSPI:
                 f"numbers and actions 0 to {s.n_actions - 1}"
             )
         rows = transitions[usable]
-        if not self.literal:
+        if self.literal:
+            found = self._offline(rows, proceed)
+        else:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
             found = self._refreshed(rows, start, True, proceed)()
-        else:
-            shield = self.shield.learn(rows)
-            iteration, moments = offline_lspi(
-                rows,
-                self.features,
-                s.n_actions,
-                gamma=s.gamma,
-                delta=s.delta,
-                among=shield.among(rows.next_state),
-                chi=s.chi,
-                max_iterations=s.max_iterations,
-                weights=self.rng.standard_normal(self.weights.shape),
-                scaling=s.scaling,
-                proceed=proceed,
-            )
-            solved = iteration.solve
-            found = Outcome(
-                solved.weights, solved, moments, self.buffer, shield, iteration=iteration
-            )
         accepted = found.solve.status != "non-finite"
         change = float(np.linalg.norm(found.solve.weights - self.weights))
         if accepted:
             self._take(found)
             self.n_samples += len(rows)
         return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
+
+    def _offline(self, rows: Transitions, proceed: Callable[[int, float], bool]) -> Outcome:
+        """Offline LSPI on demonstrations (T Algorithm 1)."""
+        s, shield = self.settings, self.shield.learn(rows)
+        iteration, moments = offline_lspi(
+            rows,
+            self.features,
+            s.n_actions,
+            gamma=s.gamma,
+            delta=s.delta,
+            among=shield.among(rows.next_state),
+            chi=s.chi,
+            max_iterations=s.max_iterations,
+            weights=self.rng.standard_normal(self.weights.shape),
+            scaling=s.scaling,
+            proceed=proceed,
+        )
+        found = iteration.solve
+        return Outcome(found.weights, found, moments, self.buffer, shield, iteration=iteration)
 
     def update(self) -> Update:
         """Learn from what was observed (T Algorithm 2, lines 7 to 11)."""
