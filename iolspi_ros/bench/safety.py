@@ -17,6 +17,7 @@ from iolspi_ros.experiments.statistics import Interval, difference, interval, pr
 from iolspi_ros.experiments.thesis import slung_load
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
 from iolspi_ros.experiments.thesis.slung_load_claims import (
+    CONSTANT,
     FINE,
     GREEDY,
     INFORMED_T,
@@ -37,8 +38,10 @@ BEGIN, ALL, SHORT = (0, 1000), (0, 15_000), (0, slung_load.SHORTER)
 
 def cells(seeds: int) -> list[Cell]:
     """What is flown."""
-    wanted = (*slung_load.safety(), *slung_load.narrow())
-    return [replace(cell, seeds=seeds if cell.label != NEAR_OPTIMAL else 1) for cell in wanted]
+    wanted = {cell.label: cell for cell in (*slung_load.safety(), *slung_load.narrow())}
+    return [
+        replace(cell, seeds=seeds if label != NEAR_OPTIMAL else 1) for label, cell in wanted.items()
+    ]
 
 
 def total(seeds: int) -> int:
@@ -93,6 +96,8 @@ def _thesis(data: Data) -> list[Row]:
     name = "crashes fewer with demonstrations than without, 15,000 episodes"
     found = [at_least(name, fewer.mean, "%", 10.0),
              *_with_interval(name, fewer, "%")[1:]]  # fmt: skip
+    same = reduction(data, INFORMED_T, CONSTANT, *ALL)
+    found += _with_interval("the same, where both explore with ε = 0.01", same, "%")
     for way, sign in (("misses", -1.0), ("dunks", 1.0)):
         gap = difference(
             sign * rate(data, INFORMED_T, way, *BEGIN), sign * rate(data, ONLINE_T, way, *BEGIN)

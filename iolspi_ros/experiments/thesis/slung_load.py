@@ -13,8 +13,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.experiments.dropping import INFORMED, ONLINE, Dropping, best, drop
 from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.headless import Listener, train
 from iolspi_ros.experiments.statistics import interval, intervals
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
@@ -34,6 +36,8 @@ from iolspi_ros.experiments.thesis.slung_load_claims import (
     binned,
 )
 from iolspi_ros.experiments.thesis.study import Rows, Study
+from sim_nodes.tasks.slung_load import SlungLoad
+from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
@@ -78,6 +82,7 @@ def narrow() -> tuple[Cell, ...]:
     """From the narrow initial conditions (T 11-2), and epsilon = 0.01 from nothing (T 11-1)."""
     return (
         _cell(CONSTANT, Dropping(INFORMED), 3.0),
+        _cell(INFORMED_T, Dropping(INFORMED, samples=SET), 8.0),
         _cell(NARROW, Dropping(ONLINE, "narrow"), 3.0),
         _cell(NARROW_INFORMED, Dropping(INFORMED, "narrow", SET), 4.0),
         _cell(NARROW_LARGE, Dropping(_LARGER, "narrow", SET, SHORTER, 6), 30.0, FEW),
@@ -104,16 +109,20 @@ def _timed() -> tuple[Cell, ...]:
     cells = []
     for functions, grid in _GRIDS.items():
         learner = replace(ONLINE, centers=grid, epsilon_decay=0.995)
-        cells.append(Cell(f"{functions} functions", timed, learner, 3, 0.003 * functions))
+        cells.append(Cell(f"{functions} functions", timed, learner, 5, 0.001 * functions))
     return tuple(cells)
 
 
 def timed(setting: LearnerSettings, seed: int) -> Mapping[str, Any]:
     """Seconds of 1,000 episodes from nothing, when everything is compiled."""
-    drop(Dropping(setting, episodes=2, looks=1), seed)
-    begin = time.perf_counter()
-    flown = drop(Dropping(setting, episodes=1000, looks=1), seed)
-    return {"seconds": time.perf_counter() - begin, "samples": flown["steps"]}
+    task: Any = SlungLoad()
+    for episodes in (2, 1000):
+        core = OnlineLSPI(setting, np.random.default_rng([seed, 1]))
+        world = World(task, WorldSettings(), np.random.default_rng([seed, 0]))
+        begin = time.perf_counter()
+        train(world, core, episodes, Listener())
+        seconds = time.perf_counter() - begin
+    return {"seconds": seconds, "samples": core.step}
 
 
 def _times(data: Data) -> Rows:

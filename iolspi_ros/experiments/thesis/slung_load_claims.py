@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from iolspi_ros.experiments.engine import Data
 from iolspi_ros.experiments.statistics import Interval, difference, interval
 from iolspi_ros.experiments.thesis import claims
-from iolspi_ros.experiments.thesis.claims import Claim, Finding
+from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding
 from iolspi_ros.experiments.thesis.compare import Decide, every
 from sim_nodes.tasks.slung_load import Outcome
 
@@ -141,11 +141,16 @@ def _slower(data: Data) -> list[Finding]:
     ]  # fmt: skip
 
 
+def _same_exploration(data: Data) -> list[Finding]:
+    fewer = reduction(data, INFORMED_T, CONSTANT, 0, 15_000)
+    return [claims.above(f"{INFORMED_T} crashes less than {CONSTANT} [%]", fewer)]
+
+
 _HERE = "15,000 episodes, 9×1×9×1 functions"
 _EARLY_ENDS = (
-    "While ε is high, online LSPI ends most episodes by releasing at random, after 3 to 4 steps, "
-    "before anything could crash; T says so too. Flown to their ends, informed episodes have "
-    "more time to crash in. Per crash avoided see the shield, which needs no such luck."
+    "while ε is high, online LSPI ends most episodes by releasing at random, after 3 to 4 steps, "
+    "before anything can crash (T says so too); informed episodes last and have the time. Against "
+    "online LSPI with the same ε = 0.01 they do crash less: see the study narrow"
 )
 CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig21": (
@@ -213,8 +218,14 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
             "11-2",
             _HERE,
             _converges(NARROW_INFORMED, more=True),
-            "On T's 324 functions it ends by releasing at once. With the velocities among the "
-            "functions it finds the way: see the curve of the larger grid.",
+            "on T's 324 functions it learns to release at once; with the velocities among the "
+            "functions it finds the way: see the larger grid",
+        ),
+        Claim(
+            "With the same ε = 0.01 there are fewer crashes with demonstrations than without",
+            OURS,
+            _HERE,
+            _same_exploration,
         ),
         Claim(
             "More functions, over all dimensions, would probably perform better",
