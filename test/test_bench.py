@@ -47,7 +47,8 @@ def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
         return {"ending": ending, "judged": judged, **numbers}
 
     data = {c.ONLINE_T: cell(10, 3), c.INFORMED_T: cell(20, 4), c.CONSTANT: cell(5, 4),
-            c.GREEDY: cell(20, 10), c.SHIELDED: cell(0, 9), c.FINE: cell(20, 10), c.NARROW_LARGE: cell(20, 7),
+            c.GREEDY: cell(20, 10), c.SHIELDED: cell(0, 9), c.FINE: cell(20, 10),
+            c.NARROW_LARGE: cell(20, 7),
             NEAR_OPTIMAL: {"judged": np.array([[0, 10, 0, 0, 0]])}}  # fmt: skip
     found = {row.name: row for row in safety.rows(data)}
     assert found["online: crashes per 1,000 episodes, 0 to 15000"].value == pytest.approx(100.0)
