@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Optional
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import console, yardstick
+from iolspi_ros.cli.progress import bar, console, yardstick
 from iolspi_ros.cli.watch import Watch, fresh
 from iolspi_ros.errors import InputError, check_choice, check_range
 
@@ -44,6 +44,7 @@ class Journey(NamedTuple):
     episodes: int
     shown: int
     seed: int
+    taught: str
 
 
 @app.command(epilog="Example: iolspi fly --autopilot embedded --like px4 --speed-up 4")
@@ -69,6 +70,9 @@ def fly(
         Optional[Path],
         typer.Option(help="Begin with what was learned before, instead of demonstrations."),
     ] = None,
+    practice: Annotated[
+        int, typer.Option(min=0, help="Episodes to fly on the model first, without the autopilot.")
+    ] = 500,
     episodes: Annotated[int, typer.Option(help="To fly while learning.")] = 10,
     shown: Annotated[int, typer.Option(help="To fly then, without learning.")] = 13,
     seed: Annotated[int, typer.Option(min=0, help="Of the learner and the starts.")] = 0,
@@ -78,8 +82,8 @@ def fly(
 ) -> None:
     """Fly the slung load on an autopilot over MAVLink, learning as it goes.
 
-    Checks the autopilot, teaches a learner by demonstrations, takes off, flies episodes while it
-    learns and then without, lands, and gives the autopilot its parameters back. Leaves
+    Teaches a learner by demonstrations and on the model, checks the autopilot, takes off, flies
+    episodes while it learns and then without, lands, and gives the parameters back. Leaves
     report.html, summary.json, a bag, a .tlog and a checkpoint. Nothing is sent anywhere but to
     the address given. Ctrl-C lands.
     """
@@ -100,6 +104,8 @@ def fly(
         f"ROS_DOMAIN_ID={domain}, on this machine only."
     )
     start = time.monotonic()
+    if journey.bag and practice:
+        journey = _practise(journey, journey.bag, practice, config, out)
     with (
         BagWriter(out / "bag") as recording,
         watching(vehicle, recording) as monitor,
@@ -146,8 +152,34 @@ def _journey(
         raise InputError(f"--checkpoint {checkpoint} is not there; allowed: a file")
     place = url or (f"udpin:127.0.0.1:{_free_port()}" if autopilot == "embedded" else "")
     return Journey(
-        place or URLS[autopilot], like, speed_up, load, bag, checkpoint, episodes, shown, seed
+        place or URLS[autopilot], like, speed_up, load, bag, checkpoint, episodes, shown, seed,
+        f"demonstration set {demonstration}" if bag else f"what {checkpoint} holds",
+    )  # fmt: skip
+
+
+def _practise(journey: Journey, bag: Path, episodes: int, config: Path, out: Path) -> Journey:
+    """Learn from the demonstrations, then online on the model; what is learned is flown."""
+    from iolspi_ros.bags import read_demonstration
+    from iolspi_ros.core import checkpoint
+    from iolspi_ros.experiments.headless import Listener, prepare, train
+
+    world, learner = prepare(TASK, config, journey.seed)
+    vehicle, done = world.task, 0
+    learner.inform(
+        read_demonstration(bag, TASK, vehicle.joints).transitions(2 * len(vehicle.joints))
     )
+    with bar("practising on the model [episodes]", episodes) as show:
+
+        def ended(score: float, reward: float, terminated: bool) -> None:
+            nonlocal done
+            done += 1
+            show(done)
+
+        train(world, learner, episodes, Listener(on_episode=ended))
+    path = out / "practised.npz"
+    checkpoint.save(path, learner, TASK)
+    taught = f"{journey.taught} and {episodes} episodes on the model"
+    return journey._replace(bag=None, checkpoint=path, taught=taught)
 
 
 def _free_port() -> int:
@@ -267,11 +299,10 @@ def _report(
     if not shown:
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
     extra["shown_success_fraction"] = float(succeeded(vehicle, shown).mean())
-    taught = f"{journey.bag.parent.name}/{journey.bag.name}" if journey.bag else "a checkpoint"
     lead = (
         f"An autopilot ({extra['autopilot']}) was flown over MAVLink by a learner that was taught "
-        f"by {taught}. Rewards are the task's; where a load came down is what its own system "
-        "reported, or the parabola where there is none."
+        f"by {journey.taught}. Rewards are the task's; where a load came down is what its own "
+        "system reported, or the parabola where there is none."
     )
     best = yardstick(vehicle)
     with console.status("drawing …"):
