@@ -132,6 +132,7 @@ def _journey(
     checkpoint: Path | None, episodes: int, shown: int, seed: int,
 ) -> Journey:  # fmt: skip
     from iolspi_ros import resources
+    from iolspi_ros.experiments.samplesets import mode_and_corruption
     from msg_bridge.mavlink.profiles import PROFILES
 
     check_choice("--autopilot", autopilot, AUTOPILOTS)
@@ -144,8 +145,6 @@ def _journey(
         raise InputError(
             f"--autopilot {autopilot} cannot be flown over MAVLink: {PROFILES[autopilot].flies_not}"
         )
-    from iolspi_ros.experiments.samplesets import mode_and_corruption
-
     mode_and_corruption(demonstration)
     bag = None if checkpoint else resources.find("demos", TASK, f"set_{demonstration}")
     if checkpoint and not checkpoint.is_file():

@@ -135,7 +135,9 @@ class Shield:
             grown[2][a] += weight[rows].sum()
             grown[3][a] += weight[rows & batch.terminated].sum()
         gram, cross, seen, ended = grown
-        return replace(self, gram=gram, cross=cross, seen=seen, ended=ended)
+        learned = replace(self, gram=gram, cross=cross, seen=seen, ended=ended)
+        _ = learned.guard  # fitted here, where an update computes, and not in the control loop
+        return learned
 
     def among(self, states: Array) -> NDArray[np.bool_] | None:
         """Actions that it leaves to choose from; None for all of them in all states.

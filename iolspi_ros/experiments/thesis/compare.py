@@ -120,17 +120,6 @@ def near_best(label: str, what: str, span: Span, ratio: float) -> Decide:
     return decide
 
 
-def far_from_best(label: str, what: str, span: Span, ratio: float) -> Decide:
-    """Its cost is more than so many times the near-optimal one."""
-
-    def decide(data: Data) -> list[Finding]:
-        best = over(data, "near-optimal", what, *span)[0]
-        name = f"{label}: cost over near-optimal, {_of(what, span)}"
-        return [claims.above(name, interval(over(data, label, what, *span) / best), ratio)]
-
-    return decide
-
-
 def at_least(label: str, what: str, limit: float, span: Span = END) -> Decide:
     """Its mean is above a limit."""
 
