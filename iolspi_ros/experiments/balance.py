@@ -203,6 +203,18 @@ def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
     }
 
 
+def gathered(setting: Balancing, seed: int) -> Mapping[str, Any]:
+    """The samples that `balancing` learns from, to look at.
+
+    Returns
+    -------
+    state : ndarray of shape (n_samples, 2)
+    action : ndarray of int, shape (n_samples,)
+    """
+    taken = _samples(setting, np.random.default_rng([seed, 1]))
+    return {"state": taken.state, "action": taken.action}
+
+
 def _samples(setting: Balancing, rng: np.random.Generator) -> Transitions:
     if setting.demonstrated:
         sets = [demonstration(abs(n), n > 0, rng) for n in setting.demonstrated]

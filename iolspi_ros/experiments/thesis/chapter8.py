@@ -1,18 +1,20 @@
-"""T chapter 8: offline LSPI on Lagoudakis and Parr's cart-pole (tables 8-1 to 8-3, Fig. 8-1)."""
+"""T chapter 8: offline LSPI on Lagoudakis and Parr's cart-pole (tables 8-1 to 8-3, Figs. 8-1 to 8-4)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from iolspi_ros.experiments.balance import Balancing, balancing
+from iolspi_ros.experiments.balance import Balancing, balancing, gathered
 from iolspi_ros.experiments.engine import Cell, Data
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.chapter8_claims import CLAIMS, ENDLESS, NO_ENDS
+from iolspi_ros.experiments.thesis.part1 import sample_rows
 from iolspi_ros.experiments.thesis.study import Rows, Study
 
 SAMPLES = {10: 322.9, 50: 918.0, 100: 1215.7, 200: 1808.2, 500: 1233.1, 1000: 2339.5}
@@ -33,6 +35,7 @@ KINDS = {
     "demonstration, 976, 4 by 4": (363.95, Balancing(demonstrated=(976,), steps=FEWER, centers=4)),
 }
 """T Table 8-3 and 8-4, with T's balancing steps."""
+_DEMONSTRATED, _AT_RANDOM = "demonstration, 976", "random"
 BEST_AND_WORST = {"poor random sample": 49.0, "good random sample": 600.0}
 
 
@@ -74,7 +77,19 @@ def studies() -> list[Study]:
             _cells({label: setting for label, (_, setting) in KINDS.items()}), _by_kind,
             claims=CLAIMS["table8-3"],
         ),
+        _pictured("fig8-2", "Samples of a demonstration", drawing.distributions, _DEMONSTRATED),
+        _pictured("fig8-3", "Samples of random episodes", drawing.distributions, _AT_RANDOM),
+        _pictured("fig8-4", "Spread of samples", lambda title: drawing.samples(title, by="set"),
+                  _DEMONSTRATED, _AT_RANDOM),
     ]  # fmt: skip
+
+
+def _pictured(
+    name: str, title: str, drawer: Callable[[str], Callable[[Rows], Figure]], *labels: str
+) -> Study:
+    """What two of Table 8-3's sets are like; the first realisation is drawn."""
+    cells = tuple(Cell(label, gathered, KINDS[label][1], 1, 0.1) for label in labels)
+    return Study(name, title, f"8-3, Fig. {name[3:]}", cells, sample_rows, drawer(title))
 
 
 def _settings() -> dict[str, Balancing]:

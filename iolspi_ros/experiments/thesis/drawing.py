@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from iolspi_ros.experiments.thesis.study import Rows
 
 _REFERENCE = "#1f2933"
+_PLANE = ("angle [rad]", "rate [rad/s]")
 
 
 def curves(
@@ -61,18 +62,32 @@ def curves(
     return draw
 
 
-def samples(title: str) -> Callable[[Rows], Figure]:
-    """A drawer of samples in the plane of angle and rate, by action."""
+def samples(title: str, by: str = "action") -> Callable[[Rows], Figure]:
+    """A drawer of samples in the plane of angle and rate, by action or by set."""
 
     def draw(rows: Rows) -> Figure:
         figure = Figure(figsize=(7.5, 4.0), layout="constrained")
         axes = figure.add_subplot()
-        for action in sorted({row["action"] for row in rows}):
-            mine = [row for row in rows if row["action"] == action]
+        for number, kind in enumerate(sorted({row[by] for row in rows})):
+            mine = [row for row in rows if row[by] == kind]
             x, y = (np.array([float(row[key]) for row in mine]) for key in ("angle", "rate"))
-            axes.plot(x, y, ".", ms=3, color=colormaps["tab10"](int(action)), label=action)
-        _dress(figure, title, "angle [rad]", "rate [rad/s]")
-        axes.legend(frameon=False, fontsize=8, title="action")
+            axes.plot(x, y, ".", ms=3, color=colormaps["tab10"](number), label=kind)
+        _dress(figure, title, *_PLANE)
+        axes.legend(frameon=False, fontsize=8, title=by)
+        return figure
+
+    return draw
+
+
+def distributions(title: str) -> Callable[[Rows], Figure]:
+    """A drawer of how angle and rate of samples are distributed, side by side."""
+
+    def draw(rows: Rows) -> Figure:
+        figure = Figure(figsize=(7.5, 3.0), layout="constrained")
+        for axes, key in zip(figure.subplots(1, 2, sharey=True), ("angle", "rate"), strict=True):
+            axes.hist([float(row[key]) for row in rows], bins=40, color=_REFERENCE)
+        _dress(figure, title, _PLANE[0], "samples")
+        figure.axes[1].set_xlabel(_PLANE[1])
         return figure
 
     return draw
@@ -110,6 +125,7 @@ def _dress(figure: Figure, title: str, x: str, y: str) -> None:
     axes.set_title(title, loc="left", fontsize=10)
     axes.set_xlabel(x)
     axes.set_ylabel(y)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(True, color="#e9ecef")
-    axes.set_axisbelow(True)
+    for each in figure.axes:
+        each.spines[["top", "right"]].set_visible(False)
+        each.grid(True, color="#e9ecef")
+        each.set_axisbelow(True)

@@ -157,7 +157,7 @@ def _samples(name: str, label: str) -> Study:
     title = f"Samples of {label}"
     return Study(
         name, title, f"Part I, IV-A-2, Fig. {name[3:]}", _spread_cells((label,), 1),
-        _sample_rows, drawing.samples(title), CLAIMS.get(name, ()),
+        sample_rows, drawing.samples(title), CLAIMS.get(name, ()),
     )  # fmt: skip
 
 
@@ -174,11 +174,13 @@ def _spread_rows(data: Data) -> Rows:
     return found
 
 
-def _sample_rows(data: Data) -> Rows:
-    """Every third sample of the first realisation."""
-    (cell,) = data.values()
-    kept = zip(cell["state"][0][::3], cell["action"][0][::3], strict=True)
-    return [{"angle": s[0], "rate": s[1], "action": int(a)} for s, a in kept]
+def sample_rows(data: Data) -> Rows:
+    """Every third sample of the first realisation of each set."""
+    return [
+        {"set": label, "angle": state[0], "rate": state[1], "action": int(action)}
+        for label, cell in data.items()
+        for state, action in zip(cell["state"][0][::3], cell["action"][0][::3], strict=True)
+    ]
 
 
 def _history_rows(data: Data) -> Rows:
