@@ -1,4 +1,4 @@
-"""T chapter 8: offline LSPI on Lagoudakis and Parr's cart-pole (tables 8-1 to 8-3, Figs. 8-1 to 8-4)."""
+"""T chapter 8: offline LSPI on Lagoudakis and Parr's cart-pole, its tables and figures."""
 
 from __future__ import annotations
 
