@@ -57,6 +57,7 @@ def test_help_and_version():
         (("demo", "--seconds", "-1"), "--seconds is -1.0; allowed"),
         (("demo", "--episodes", "0"), "--episodes is 0; allowed"),
         (("learn", "--episodes", "9", "--seconds", "9"), "both given; allowed: one of them"),
+        (("demo", "--task", "cart_pole"), "--task is 'cart_pole'; allowed: pendulum, slung_load"),
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("fly", "--autopilot", "betaflight"), "allowed: embedded, px4, ardupilot, paparazzi"),
         (("fly", "--autopilot", "paparazzi"), "cannot be flown over MAVLink"),
@@ -92,6 +93,18 @@ def test_learn_leaves_a_policy_and_a_report(tmp_path):
     assert again.returncode == 0
     files = [np.load(folder / "checkpoint.npz") for folder in (out, tmp_path / "again")]
     np.testing.assert_array_equal(files[0]["weights"], files[1]["weights"])
+
+
+def test_the_cart_pole_is_learned_from_nothing_and_has_no_ratio(tmp_path):
+    """Nobody falls at best: a return of zero."""
+    out = tmp_path / "out"
+    result = iolspi("learn", "--task", "cart_pole", "--episodes", 60, "--out", out)
+    assert "the near-optimal one is 0, 100% of the starts never fall" in result.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["ratio_to_near_optimal"] is None
+    assert summary["near_optimal_return"] == summary["discounted_return"] == 0.0
+    assert summary["ends_while_learning"]["fall"] > 0.5
+    assert "the near-optimal one is 0" in (out / "report.html").read_text()
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then_with_an_eta(monkeypatch, capsys):

@@ -13,12 +13,12 @@ from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import console, yardstick
 from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.watch import Watch, fresh
-from iolspi_ros.errors import InputError
+from iolspi_ros.errors import InputError, check_choice
 
 
 @app.command(epilog="Example: iolspi demo --set 2 --seconds 60 --out out/set2")
 def demo(
-    task: Annotated[str, typer.Option(help="The task to learn.")] = "pendulum",
+    task: Annotated[str, typer.Option(help="pendulum or slung_load.")] = "pendulum",
     demonstration: Annotated[
         int, typer.Option("--set", help="Shipped demonstration set, 1 to 5.")
     ] = 5,
@@ -40,7 +40,9 @@ def demo(
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
-    config = resources.find("config", f"{_known(task)}.yaml")
+    shipped = sorted(folder.name for folder in resources.find("demos").iterdir())
+    check_choice("--task", task, tuple(shipped))
+    config = resources.find("config", f"{task}.yaml")
     mode_and_corruption(demonstration)
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
@@ -68,13 +70,6 @@ def demo(
             console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
             raise
     _report(out, vehicle, config, history, start, extra | {"seed": seed}, demonstration)
-
-
-def _known(task: str) -> str:
-    from sim_nodes.tasks import task_class
-
-    task_class(task)
-    return task
 
 
 def _watch(
@@ -147,10 +142,10 @@ def _report(
             vehicle.name, config, extra["seed"], history.taught, len(history.scores)
         )
         summary = report.finish(out, title, lead, vehicle, features, history, best, extra, beside)
+    number, of_what = report.how_good(summary)
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
-        f"[bold]{summary['ratio_to_near_optimal']:.3f}[/bold] "
-        f"{report.near_optimal_words(summary)};\n"
+        f"[bold]{number}[/bold] {of_what};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(shown)} episodes shown on the graph "
         f"{vehicle.success}; after the demonstrations alone it was "
         f"{summary['success_fraction_offline']:.0%} of the starts. "

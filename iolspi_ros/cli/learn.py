@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     epilog="Example: iolspi learn --task pendulum --demos demos/pendulum/set_5 --out out/learn"
 )
 def learn(
-    task: Annotated[str, typer.Option(help="The task to learn.")] = "pendulum",
+    task: Annotated[str, typer.Option(help="pendulum, slung_load or cart_pole.")] = "pendulum",
     demos: Annotated[
         Optional[list[Path]],
         typer.Option(help="Bag to learn from first; give it again for more bags."),
@@ -78,7 +78,7 @@ def learn(
             best, extra, beside,
         )  # fmt: skip
     console.print(
-        f"{summary['ratio_to_near_optimal']:.3f} {report.near_optimal_words(summary)}, "
+        f"{' '.join(report.how_good(summary))}, "
         f"{summary['success_fraction']:.0%} of the starts {vehicle.success}. "
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )

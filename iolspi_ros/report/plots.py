@@ -90,10 +90,11 @@ def discounted_return(curves: Sequence[Curve], best: float) -> Figure:
     axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
     _draw(axes, [(curve.label, curve.times, curve.returns) for curve in curves])
     axes.legend(frameon=False, loc="lower right")
-    ratio = axes.secondary_yaxis(
-        "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))
-    )
-    ratio.set_ylabel(f"ratio to near-optimal {'cost' if best < 0 else 'return'}")
+    if best:
+        ratio = axes.secondary_yaxis(
+            "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))
+        )
+        ratio.set_ylabel(f"ratio to near-optimal {'cost' if best < 0 else 'return'}")
     return _figure(axes)
 
 

@@ -50,7 +50,7 @@ def summarise(task: Task, features: Basis, history: History, best: Evaluation) -
         "updates_refused": sum(policy.status != "ok" for policy in history.policies),
         "discounted_return": last.discounted_return,
         "near_optimal_return": best.discounted_return,
-        "ratio_to_near_optimal": last.discounted_return / best.discounted_return,
+        "ratio_to_near_optimal": _ratio(last.discounted_return, best),
         "success": task.success,
         "success_fraction": last.success_fraction,
     } | _ends(task, history)
@@ -80,10 +80,17 @@ def whole(episodes: Sequence[Episode]) -> list[Episode]:
     return [episode for episode in episodes if episode.whole]
 
 
-def near_optimal_words(summary: dict[str, Any]) -> str:
-    """What the ratio to the near-optimal return is of: rewards may be costs."""
-    cost = summary["near_optimal_return"] < 0
-    return "times the near-optimal cost" if cost else "times the near-optimal return"
+def _ratio(discounted: float, best: Evaluation) -> float | None:
+    """To the near-optimal return; none where that is zero."""
+    return discounted / best.discounted_return if best.discounted_return else None
+
+
+def how_good(summary: dict[str, Any]) -> tuple[str, str]:
+    """The last policy's number, and what it is: rewards may be costs, or none at all."""
+    ratio, best = summary["ratio_to_near_optimal"], summary["near_optimal_return"]
+    if ratio is None:
+        return f"{summary['discounted_return']:.3g}", "discounted return, the near-optimal one is 0"
+    return f"{ratio:.3f}", f"times the near-optimal {'cost' if best < 0 else 'return'}"
 
 
 def finish(
@@ -128,13 +135,13 @@ def finish(
         curves.append(
             _curve("thesis' algorithm to the letter", task, beside[0].features, beside[1])
         )
-        summary["literal_ratio_to_near_optimal"] = curves[1].returns[-1] / best.discounted_return
+        summary["literal_ratio_to_near_optimal"] = _ratio(curves[1].returns[-1], best)
         summary["literal_success_fraction"] = curves[1].successes[-1]
     parts = _shown(task, history)
     parts += _learning(task, history, curves, best)
     parts += _maps(task, features, history, best_policy)
     facts = [
-        (f"{summary['ratio_to_near_optimal']:.3f}", near_optimal_words(summary)),
+        how_good(summary),
         (f"{summary['success_fraction']:.0%}", f"of the starts {task.success}"),
         (f"{summary['vehicle_seconds']:.0f} s", "of vehicle time learning online"),
         (f"{summary['demonstrated_samples']}", "demonstrated samples"),
