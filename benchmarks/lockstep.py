@@ -44,8 +44,7 @@ def play(role: str) -> None:
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
-    from iolspi_ros import qos
-    from iolspi_ros.nodes import runtime
+    from iolspi_ros import qos, runtime
 
     rclpy.init()
     node, loop = rclpy.create_node(role), runtime.executor()

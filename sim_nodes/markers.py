@@ -9,9 +9,8 @@ from geometry_msgs.msg import Point
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
-from iolspi_ros.nodes import runtime
 from sim_nodes import pictures
 from sim_nodes.pictures import Picture, Shape
 from sim_nodes.tasks.base import Task

@@ -13,12 +13,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from iolspi_ros import parameters, qos, wire
+from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.nodes import runtime
-from iolspi_ros.nodes.vehicle import VehicleTopics
 from iolspi_ros.settings import Settings, setting
+from iolspi_ros.vehicle_topics import VehicleTopics
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.world import World, WorldSettings

@@ -11,10 +11,9 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.bench.flying import FACTOR, parameters
 from iolspi_ros.core.online import Source
-from iolspi_ros.nodes import runtime
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.authority import Commander
 from msg_bridge.mavlink.node import AUTHORITY

@@ -10,7 +10,7 @@ import pytest
 
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import engine, versions
-from iolspi_ros.experiments.engine import Cell
+from iolspi_ros.experiments.cells import Cell
 from iolspi_ros.experiments.results import Store
 
 

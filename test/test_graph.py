@@ -10,13 +10,12 @@ from conftest import spin_until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import bags, qos
+from iolspi_ros import bags, qos, runtime
 from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.headless import Listener, prepare, train
-from iolspi_ros.nodes import runtime
 from iolspi_ros.resources import find
 from sim_nodes.tasks import Pendulum
 from sim_nodes.world import World, WorldSettings

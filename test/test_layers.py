@@ -14,6 +14,12 @@ ALLOWED = {
     "sim_nodes/autopilot": ("sim_nodes.autopilot", "iolspi_ros.errors"),
     "msg_bridge/frames.py": (),
 }  # fmt: skip
+HIGHER = ("iolspi_ros.nodes", "iolspi_ros.experiments", "iolspi_ros.report", "iolspi_ros.bench",
+          "iolspi_ros.cli", "iolspi_ros.graph", "msg_bridge")  # fmt: skip
+"""Rooms above the vehicles and what every node stands on."""
+GROUND = ["sim_nodes", "iolspi_ros/wire.py", "iolspi_ros/pairing.py", "iolspi_ros/runtime.py",
+          "iolspi_ros/vehicle_topics.py", "iolspi_ros/parameters.py",
+          "iolspi_ros/bags"]  # fmt: skip
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs",
        "geometry_msgs", "visualization_msgs")  # fmt: skip
 ROS_FREE = ["iolspi_ros/core", "sim_nodes/tasks", "sim_nodes/world.py", "sim_nodes/pilots.py",
@@ -47,6 +53,13 @@ def test_a_room_imports_only_what_lies_below_it(place):
         for name in imports(path):
             if name.startswith(("iolspi_ros", "sim_nodes", "msg_bridge")):
                 assert name.startswith(ALLOWED[place]), f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("place", GROUND)
+def test_no_room_imports_what_stands_on_it(place):
+    for path in files(place):
+        for name in imports(path):
+            assert not name.startswith(HIGHER), f"{path} imports {name}"
 
 
 @pytest.mark.parametrize("place", ROS_FREE)

@@ -17,10 +17,9 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from iolspi_ros import bags, qos, wire
+from iolspi_ros import bags, qos, runtime, wire
 from iolspi_ros.core.online import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
-from iolspi_ros.nodes import runtime
 from iolspi_ros.nodes.stick import Stick, StickSettings
 from iolspi_ros.resources import find
 

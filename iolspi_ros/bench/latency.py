@@ -139,7 +139,7 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
     import rclpy
     from std_msgs.msg import Float64MultiArray
 
-    from iolspi_ros.nodes import runtime
+    from iolspi_ros import runtime
 
     asked: list[int] = []
     rewards, actions = wire.RewardRows(), wire.Rows("action", wire.ACTION)

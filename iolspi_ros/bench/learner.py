@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from iolspi_ros import resources
 from iolspi_ros.bench.rows import Row, at_least, at_most
 from iolspi_ros.experiments import engine
-from iolspi_ros.experiments.engine import Cell
+from iolspi_ros.experiments.cells import Cell
 from iolspi_ros.experiments.learning import HANGING, LITERAL, REFRESHED, Learning, best, learn
 from iolspi_ros.experiments.results import Store
 from iolspi_ros.experiments.samplesets import NOTHING, SEQUENTIAL

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from iolspi_ros import resources
 from iolspi_ros.bench.rows import Row, at_least, at_most
 from iolspi_ros.experiments import engine
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.results import Store
 from iolspi_ros.experiments.statistics import Interval, difference, interval, proportion
 from iolspi_ros.experiments.thesis import slung_load

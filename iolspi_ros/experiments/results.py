@@ -6,20 +6,14 @@ import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
+from iolspi_ros.experiments.cells import Cell, Result
 from iolspi_ros.experiments.versions import describe, libraries
-
-if TYPE_CHECKING:
-    from iolspi_ros.experiments.engine import Cell
-
-Result = dict[str, NDArray[Any]]
 
 
 class Store:

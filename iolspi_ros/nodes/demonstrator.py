@@ -14,9 +14,8 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import __version__, bags, parameters, qos, wire
+from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Sample
-from iolspi_ros.nodes import runtime
 from iolspi_ros.nodes.flight import Flight, FlightSettings
 from iolspi_ros.nodes.player import Player, PlayerSettings
 from iolspi_ros.nodes.stick import StickSettings

@@ -13,13 +13,12 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from iolspi_ros import parameters, qos
+from iolspi_ros import parameters, qos, runtime
 from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.errors import InputError
-from iolspi_ros.nodes import runtime
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.seat import Seat

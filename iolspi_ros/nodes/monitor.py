@@ -24,14 +24,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.bags import BagWriter
 from iolspi_ros.core.refresh import Judgement
 from iolspi_ros.core.samples import Array, Observation, Transition, Transitions
 from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.history import Episode, History, Policy
-from iolspi_ros.nodes import runtime
 from iolspi_ros.pairing import Pairer
 from sim_nodes.tasks.base import Task
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from iolspi_ros import wire
+from iolspi_ros import runtime, wire
 from iolspi_ros.bags import numbered_through, read_demonstration
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
-from iolspi_ros.nodes import runtime
 from iolspi_ros.settings import Settings, setting
 
 if TYPE_CHECKING:

@@ -10,11 +10,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.core.solve import STATUSES
-from iolspi_ros.nodes import runtime
 
 
 class Reports:

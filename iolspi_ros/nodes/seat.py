@@ -10,11 +10,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.online import Source
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
-from iolspi_ros.nodes import runtime
 from iolspi_ros.pairing import Pairer
 
 RESTARTED = 20

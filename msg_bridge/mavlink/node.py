@@ -16,12 +16,11 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from iolspi_ros import parameters, qos, resources, wire
+from iolspi_ros import parameters, qos, resources, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.nodes import runtime
-from iolspi_ros.nodes.vehicle import VehicleTopics
 from iolspi_ros.settings import Settings, setting
+from iolspi_ros.vehicle_topics import VehicleTopics
 from msg_bridge.mavlink.authority import Commander, Timeouts
 from msg_bridge.mavlink.codec import read_key
 from msg_bridge.mavlink.envelope import Limits

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from iolspi_ros.experiments.engine import Cell
+from iolspi_ros.experiments.cells import Cell
 from iolspi_ros.experiments.episodes import Episodes
 from iolspi_ros.experiments.learning import HANGING, LITERAL, Learning
 from iolspi_ros.experiments.samplesets import MODES, NOTHING

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import claims
 from iolspi_ros.experiments.thesis.claims import Claim, Finding

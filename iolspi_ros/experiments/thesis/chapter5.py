@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.core.qlearning import optimal
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.gridruns import (
     CUTOFFS,
     DIMENSIONS,

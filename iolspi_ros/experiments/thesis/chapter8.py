@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from iolspi_ros.experiments.balance import Balancing, balancing, gathered
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.chapter8_claims import CLAIMS, ENDLESS, NO_ENDS

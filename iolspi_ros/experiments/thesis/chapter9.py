@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from iolspi_ros.core.moments import forget_factor_for
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.learning import LITERAL, Learning, learn
 from iolspi_ros.experiments.samplesets import NOTHING
 from iolspi_ros.experiments.statistics import Interval, interval, intervals

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.statistics import Interval
 
 OURS = "not in T"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.statistics import Interval, difference, interval
 from iolspi_ros.experiments.thesis import claims
 from iolspi_ros.experiments.thesis.claims import Finding

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.learning import Learning, best, learn
 from iolspi_ros.experiments.statistics import intervals
 from iolspi_ros.experiments.thesis.study import Rows

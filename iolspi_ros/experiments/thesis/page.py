@@ -8,7 +8,7 @@ from pathlib import Path
 from iolspi_ros import __version__
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
-from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding, Verdict, shortfall, verdict
 from iolspi_ros.experiments.thesis.study import Rows, Study, read_rows, write_rows
 from iolspi_ros.experiments.versions import libraries

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.episodes import Episodes, record
 from iolspi_ros.experiments.learning import HANGING, LITERAL, Learning
 from iolspi_ros.experiments.samplesets import INDEPENDENT, MODES, NOTHING, SEQUENTIAL

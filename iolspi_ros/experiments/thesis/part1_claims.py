@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.samplesets import NOTHING
 from iolspi_ros.experiments.statistics import difference, interval
 from iolspi_ros.experiments.thesis import claims

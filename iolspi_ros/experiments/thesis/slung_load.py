@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.online import OnlineLSPI
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.dropping import INFORMED, ONLINE, Dropping, best, drop
-from iolspi_ros.experiments.engine import Cell, Data
 from iolspi_ros.experiments.headless import Listener, train
 from iolspi_ros.experiments.statistics import interval, intervals
 from iolspi_ros.experiments.thesis import drawing

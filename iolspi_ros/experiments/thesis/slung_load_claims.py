@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.experiments.engine import Data
+from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.statistics import Interval, difference, interval
 from iolspi_ros.experiments.thesis import claims
 from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
-from iolspi_ros.experiments.engine import Cell, Data
+from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.thesis.claims import Claim
 
 Rows: TypeAlias = list[dict[str, Any]]

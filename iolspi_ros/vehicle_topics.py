@@ -9,10 +9,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.nodes import runtime
 
 
 class Answer(NamedTuple):
