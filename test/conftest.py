@@ -19,7 +19,8 @@ class Nodes:
     """Our nodes as processes of one domain."""
 
     def __init__(self, folder, domain):
-        self.folder, self.env = folder, os.environ | {"ROS_DOMAIN_ID": str(domain)}
+        own = {"ROS_DOMAIN_ID": str(domain), "XDG_CACHE_HOME": str(folder / "cache")}
+        self.folder, self.env = folder, os.environ | own
         self.processes = {}
 
     def start(self, node, *arguments, name=None):

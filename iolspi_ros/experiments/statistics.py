@@ -20,6 +20,11 @@ class Interval(NamedTuple):
     high: float
 
 
+def exactly(value: float) -> Interval:
+    """A number that no draw has a part in."""
+    return Interval(value, value, value)
+
+
 def interval(values: NDArray[Any]) -> Interval:
     """Mean and the limits of its 95 % interval (T 9-16, 9-17).
 

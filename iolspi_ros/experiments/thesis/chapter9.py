@@ -10,7 +10,7 @@ from iolspi_ros.core.moments import forget_factor_for
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.learning import LITERAL, Learning, learn
 from iolspi_ros.experiments.samplesets import NOTHING
-from iolspi_ros.experiments.statistics import Interval, interval, intervals
+from iolspi_ros.experiments.statistics import Interval, exactly, interval, intervals
 from iolspi_ros.experiments.thesis import claims, curves, drawing, part1
 from iolspi_ros.experiments.thesis.claims import Claim, Finding
 from iolspi_ros.experiments.thesis.compare import WHOLE, every, similar
@@ -62,7 +62,7 @@ def _agreement(left: float) -> Finding:
     equal = [round(forget_factor_for(n, left), 6) == eta for n, eta in TABLE.items()]
     share = float(np.mean(equal))
     what = f"share of the table's entries that leave {left:.0%}"
-    return claims.within(what, Interval(share, share, share), 1.0, 1.0)
+    return claims.within(what, exactly(share), 1.0, 1.0)
 
 
 _DIGITS = (
