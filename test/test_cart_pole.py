@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from iolspi_ros import resources
 from iolspi_ros.experiments import balance
 from sim_nodes.tasks import CartPole, make_task
 from sim_nodes.world import World, WorldSettings
@@ -137,3 +140,21 @@ def test_success_and_settings():
     rewards = np.zeros((5, 2))
     rewards[3, 1] = -1.0
     assert TASK.succeeded(np.zeros((6, 2, 2)), rewards).tolist() == [True, False]
+
+
+def test_the_wide_functions_are_those_of_the_parameter_file():
+    file = resources.find("config", "cart_pole.yaml")
+    learner = resources.parameters(file, "learner")
+    for name in ("low", "high", "centers", "periodic", "normalisation", "width", "gamma",
+                 "sampling_time", "buffer_size", "samples_per_cell", "refresh_iterations"):  # fmt: skip
+        value = learner[name]
+        given = tuple(value) if isinstance(value, list) else value
+        assert getattr(balance.WIDE, name) == given, name
+
+
+def test_the_refreshed_learner_balances_from_a_hundred_random_episodes():
+    setting = balance.Balancing(episodes=100, wide=True, refreshed=True)
+    steps = [balance.balancing(setting, seed)["steps"] for seed in range(6)]
+    theirs = [balance.balancing(replace(setting, wide=False, refreshed=False), seed)["steps"]
+              for seed in range(6)]  # fmt: skip
+    assert np.mean(steps) > np.mean(theirs)

@@ -11,7 +11,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from iolspi_ros.core.features import Basis, RBFGrid, Table, weigh
+from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import Iteration, offline_lspi
+from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.tasks.cart_pole import FORCE_NOISE, CartPole
@@ -19,6 +21,11 @@ from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
+WIDE = LearnerSettings(
+    low=(-np.pi / 2, -6.0), high=(np.pi / 2, 6.0), centers=(7, 7), periodic=(False,),
+    gamma=CartPole.gamma, sampling_time=CartPole.dt,
+)  # fmt: skip
+"""As in config/cart_pole.yaml."""
 ROOM = 64
 """Steps after which a random episode is cut; one in a million lasts so long."""
 
@@ -149,6 +156,10 @@ class Balancing:
     ends : bool
         Nothing follows a fall, as Lagoudakis and Parr have it; otherwise the state after it
         counts as any other.
+    wide : bool
+        With the functions of config/cart_pole.yaml, instead of theirs.
+    refreshed : bool
+        By the refreshed learner, with those functions.
     """
 
     episodes: int = 0
@@ -163,6 +174,8 @@ class Balancing:
     centers: int = 3
     draw: int = 0
     ends: bool = True
+    wide: bool = False
+    refreshed: bool = False
 
 
 def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
@@ -182,16 +195,8 @@ def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
     """
     taken = _samples(setting, np.random.default_rng([seed, 1]))
     rng = np.random.default_rng([seed, 2, setting.draw])
-    features = basis((setting.centers, setting.centers))
-    weights = rng.standard_normal((len(CartPole.actions), features.size))
-    ends = taken.terminated & setting.ends
-    found = learn(
-        replace(taken, terminated=ends), features, weights, gamma=setting.gamma, chi=setting.chi,
-        max_iterations=setting.max_iterations,
-    )  # fmt: skip
-    flown = balancing_steps(
-        CartPole(), features, found.solve.weights, setting.evaluations, rng, setting.steps
-    )
+    features, weights, found = _learned(setting, taken, rng)
+    flown = balancing_steps(CartPole(), features, weights, setting.evaluations, rng, setting.steps)
     falls = np.count_nonzero(taken.terminated)
     return {
         "steps": flown.mean(),
@@ -201,6 +206,25 @@ def balancing(setting: Balancing, seed: int) -> Mapping[str, Any]:
         "singular": float(found.solve.status == "singular"),
         "spread": taken.state.std(axis=0),
     }
+
+
+def _learned(
+    setting: Balancing, taken: Transitions, rng: np.random.Generator
+) -> tuple[Basis, Array, Iteration]:
+    """Functions, weights, and how they were found."""
+    if setting.refreshed:
+        learner = OnlineLSPI(WIDE, rng)
+        iteration = learner.inform(taken).iteration
+        assert iteration is not None
+        return learner.features, learner.weights, iteration
+    features = WIDE.features() if setting.wide else basis((setting.centers, setting.centers))
+    weights = rng.standard_normal((len(CartPole.actions), features.size))
+    ends = taken.terminated & setting.ends
+    found = learn(
+        replace(taken, terminated=ends), features, weights, gamma=setting.gamma, chi=setting.chi,
+        max_iterations=setting.max_iterations,
+    )  # fmt: skip
+    return features, found.solve.weights, found
 
 
 def gathered(setting: Balancing, seed: int) -> Mapping[str, Any]:

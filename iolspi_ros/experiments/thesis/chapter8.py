@@ -52,29 +52,29 @@ def studies() -> list[Study]:
     return [
         Study(
             "fig8-1", "Lagoudakis and Parr's curve: balancing steps of 3,000 by random episodes",
-            "8-2, Fig. 8-1", _cells(theirs | {"near": Balancing(episodes=1000)}, 100), _curve,
+            "8-2, Fig. 8-1", cells(theirs | {"near": Balancing(episodes=1000)}, 100), _curve,
             drawing.curves("Offline LSPI on the cart-pole", "balancing steps, of 3,000",
                            x_label="random episodes"),
             CLAIMS["fig8-1"],
         ),
         Study(
             "table8-1", "Number of samples and balancing steps of 3,000", "8-2, Table 8-1",
-            _cells(by_samples | by_episodes | left_in), _by_number, claims=CLAIMS["table8-1"],
+            cells(by_samples | by_episodes | left_in), _by_number, claims=CLAIMS["table8-1"],
         ),
         Study(
             "table8-2", "Deviation of the starts and balancing steps of 600", "8-2, Table 8-2",
-            _cells(deviations), lambda data: _beside(data, dict(zip(
+            cells(deviations), lambda data: _beside(data, dict(zip(
                 deviations, DEVIATIONS.values(), strict=True))), claims=CLAIMS["table8-2"],
         ),
         Study(
             "section8-2", "Discount factor, termination, iterations and functions", "8-2",
-            _cells(_settings(), 100),
+            cells(_settings(), 100),
             lambda data: _beside(data, {"4 by 4": 481.3, "γ = 0.95": 350.95}),
             claims=CLAIMS["section8-2"],
         ),
         Study(
             "table8-3", "Sample sets and balancing steps of 600", "8-3, Table 8-3; 8-4",
-            _cells({label: setting for label, (_, setting) in KINDS.items()}), _by_kind,
+            cells({label: setting for label, (_, setting) in KINDS.items()}), _by_kind,
             claims=CLAIMS["table8-3"],
         ),
         _pictured("fig8-2", "Samples of a demonstration", drawing.distributions, _DEMONSTRATED),
@@ -103,7 +103,8 @@ def _settings() -> dict[str, Balancing]:
     }
 
 
-def _cells(settings: Mapping[str, Balancing], seeds: int = 50) -> tuple[Cell, ...]:
+def cells(settings: Mapping[str, Balancing], seeds: int = 50) -> tuple[Cell, ...]:
+    """Cells by their labels."""
     return tuple(Cell(label, balancing, s, seeds, 0.06) for label, s in settings.items())
 
 
@@ -148,10 +149,16 @@ def _by_kind(data: Data) -> Rows:
 
 
 def _curve(data: Data) -> Rows:
+    theirs = {label: cell for label, cell in data.items() if label != "near"}
+    return by_episodes({f"LSPI, {label}": cell for label, cell in theirs.items()})
+
+
+def by_episodes(data: Data) -> Rows:
+    """Balancing steps over random episodes, from labels such as "LSPI, 10 episodes"."""
     found: Rows = []
     for label, cell in data.items():
-        if label != "near":
-            mean, low, high = interval(cell["steps"])
-            found.append({"curve": "LSPI", "x": float(label.split()[0]), "mean": mean, "low": low,
-                          "high": high, "n": len(cell["steps"])})  # fmt: skip
+        curve, number = label.rsplit(", ", 1)
+        mean, low, high = interval(cell["steps"])
+        found.append({"curve": curve, "x": float(number.split()[0]), "mean": mean, "low": low,
+                      "high": high, "n": len(cell["steps"])})  # fmt: skip
     return found

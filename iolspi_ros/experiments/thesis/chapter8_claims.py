@@ -35,6 +35,13 @@ def as_many(first: str, second: str, margin: float) -> Decide:
     return decide
 
 
+def balanced(label: str, steps: float) -> Decide:
+    """The mean is above so many steps."""
+    return lambda data: [
+        claims.above(f"{label}: balancing steps", interval(data[label]["steps"]), steps)
+    ]
+
+
 def includes(label: str, what: str, quantity: str, value: float, share: float) -> Decide:
     """The mean is within a share of a number that is printed."""
 

@@ -1,11 +1,13 @@
-"""What T does not say: why an uncorrupted demonstration fails at balancing, and what cures it."""
+"""What T does not say: how an uncorrupted demonstration fails, and what refreshing is worth."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+from iolspi_ros.experiments.balance import Balancing
 from iolspi_ros.experiments.learning import LITERAL, Learning
-from iolspi_ros.experiments.thesis import curves, drawing
+from iolspi_ros.experiments.thesis import chapter8, curves, drawing
+from iolspi_ros.experiments.thesis.chapter8_claims import balanced, more
 from iolspi_ros.experiments.thesis.claims import OURS, Claim
 from iolspi_ros.experiments.thesis.compare import (
     END,
@@ -27,10 +29,17 @@ SETTINGS = {
     "set 5, δ = 10": Learning(replace(LITERAL, delta=10.0), samples="set 5"),
 }
 _PLAIN, _CURED = "set 1, δ = 1", "set 1, δ = 10"
+_EPISODES = (10, 20, 50, 100, 200, 500, 1000)
+_LSPI, _WIDE, _OURS = "LSPI", "LSPI, 7 by 7", "refreshed, 7 by 7"
+BALANCING = {
+    f"{name}, {n} episodes": Balancing(episodes=n, wide=name != _LSPI, refreshed=name == _OURS)
+    for name in (_LSPI, _WIDE, _OURS)
+    for n in _EPISODES
+}
 
 
 def studies() -> list[Study]:
-    """The finding, as share of balancing and as T's measure."""
+    """The findings: the first as share of balancing and as T's measure, and the cart-pole."""
     cells = curves.cells(SETTINGS, (_PLAIN,))
     title = "Learning to balance from an uncorrupted demonstration"
     return [
@@ -41,6 +50,13 @@ def studies() -> list[Study]:
         Study(
             "finding2", f"{title}: discounted return, T's measure", "says nothing of it", cells,
             curves.returns, drawing.curves(title, "discounted return", -1500.0),
+        ),
+        Study(
+            "finding3", "The cart-pole from random episodes: LSPI and the refreshed learner",
+            "chapter 8 has LSPI only", chapter8.cells(BALANCING), chapter8.by_episodes,
+            drawing.curves("The cart-pole from random episodes", "balancing steps, of 3,000",
+                           x_label="random episodes", near_zero=10.0),
+            CART_POLE,
         ),
     ]  # fmt: skip
 
@@ -63,4 +79,15 @@ CLAIMS = (
           "δ = 1 and 10",
           every(at_least("set 5, δ = 1", "upright", 0.9),
                 at_least("set 5, δ = 10", "upright", 0.9))),
+)  # fmt: skip
+
+_NEAR = "random episodes from near the equilibrium (deviation 0.01)"
+CART_POLE = (
+    Claim("From the same random episodes the refreshed learner balances the cart-pole longer than "
+          "LSPI does", OURS, f"{_NEAR}, LSPI with Lagoudakis and Parr's functions",
+          every(*(more(f"{_OURS}, {n} episodes", f"{_LSPI}, {n} episodes") for n in (100, 200)))),
+    Claim("Its functions are not what does it", OURS, f"{_NEAR}, the same 7 by 7 functions",
+          every(*(more(f"{_OURS}, {n} episodes", f"{_WIDE}, {n} episodes") for n in (100, 200)))),
+    Claim("From 1,000 episodes its policies balance for 2,950 of 3,000 steps", OURS, _NEAR,
+          balanced(f"{_OURS}, 1000 episodes", 2950.0)),
 )  # fmt: skip
