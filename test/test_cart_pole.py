@@ -145,8 +145,9 @@ def test_success_and_settings():
 def test_the_wide_functions_are_those_of_the_parameter_file():
     file = resources.find("config", "cart_pole.yaml")
     learner = resources.parameters(file, "learner")
-    for name in ("low", "high", "centers", "periodic", "normalisation", "width", "gamma",
-                 "sampling_time", "buffer_size", "samples_per_cell", "refresh_iterations"):  # fmt: skip
+    names = ("low", "high", "centers", "periodic", "normalisation", "width", "gamma",
+             "sampling_time", "buffer_size", "samples_per_cell", "refresh_iterations")  # fmt: skip
+    for name in names:
         value = learner[name]
         given = tuple(value) if isinstance(value, list) else value
         assert getattr(balance.WIDE, name) == given, name
