@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from iolspi_ros.experiments.cells import Cell
 from iolspi_ros.experiments.episodes import Episodes
 from iolspi_ros.experiments.learning import HANGING, LITERAL, Learning
 from iolspi_ros.experiments.samplesets import MODES, NOTHING
@@ -47,9 +46,6 @@ LOW_RATES = {name: e for name, e in RATES.items() if e <= 0.2}
 MORE_FORGETTING = {"η = 1": 1.0, "η = 0.99997": 0.99997, "η = 0.99991": 0.99991,
                    "η = 0.99977": 0.99977, "η = 0.9995": 0.9995}  # fmt: skip
 MILD = 0.99991
-REALISATIONS = 25
-"""Not the 50 of Part I, so that 70 settings of 600 s fit into an hour on two cores. From 25 to 50
-the bounds become only a little narrower, says T 9-3."""
 _LAST = ((600.0, -4, 4),)
 
 
@@ -76,15 +72,15 @@ def _tuning() -> list[Study]:
     discounts = {n: Learning(replace(LITERAL, gamma=g)) for n, g in DISCOUNTS.items()}
     updates = tuple(
         replace(cell, seeds=_FEWER.get(cell.label, cell.seeds))
-        for cell in _cells(intervals, ("K = 1000",))
+        for cell in curves.cells(intervals, ("K = 1000",))
     )
     return [
         *pair(("fig10-1", "fig10-2"), "Online LSPI, update intervals",
               "10-1-1, Figs. 10-1 and 10-2", updates, CLAIMS),
         *pair(("fig10-3", "fig10-4"), "Online LSPI, decaying exploration, ε_0 = 1",
-              "10-1-1, Figs. 10-3 and 10-4", _cells(decays, ("ε_d = 0.9772",)), CLAIMS),
+              "10-1-1, Figs. 10-3 and 10-4", curves.cells(decays, ("ε_d = 0.9772",)), CLAIMS),
         *pair(("fig10-5", "fig10-6"), "Online LSPI, discount factors (returns with γ = 0.98)",
-              "10-1-1, Figs. 10-5 and 10-6", _cells(discounts, ("γ = 0.98",)), CLAIMS),
+              "10-1-1, Figs. 10-5 and 10-6", curves.cells(discounts, ("γ = 0.98",)), CLAIMS),
         *(histories(f"fig10-{number}", f"Online LSPI, last episodes with {label}",
                     f"10-1-1, Fig. 10-{number}", {label: Episodes(discounts[label], _LAST)},
                     CLAIMS)
@@ -98,12 +94,12 @@ def _noise() -> list[Study]:
     strongest = "σ_a = 10 V"
     return [
         *pair(("fig10-9", "fig10-10"), "Online LSPI, noise on the action",
-              "10-1-2, Figs. 10-9 and 10-10", _cells(action, ("σ_a = 1 V",)), CLAIMS),
+              "10-1-2, Figs. 10-9 and 10-10", curves.cells(action, ("σ_a = 1 V",)), CLAIMS),
         histories("fig10-11", f"Online LSPI, last episodes with {strongest}",
                   "10-1-2, Fig. 10-11", {strongest: Episodes(action[strongest], _LAST)}, CLAIMS),
         *pair(("fig10-12", "fig10-13"), "Online LSPI, noise of the sensors",
               "10-1-2, Figs. 10-12 and 10-13",
-              _cells(sensor, (list(sensor)[2],)), CLAIMS),
+              curves.cells(sensor, (list(sensor)[2],)), CLAIMS),
     ]  # fmt: skip
 
 
@@ -116,7 +112,7 @@ def _gravity() -> list[Study]:
     }
     jump = _rates(JUMP, RATES, NOTHING, 1.0)
     gradual = _rates(GRADUAL, RATES, NOTHING, 1.0)
-    steady = _cells(constant, ("g = 19.81",), yardsticks=tuple(constant))
+    steady = curves.cells(constant, ("g = 19.81",), yardsticks=tuple(constant))
     finals = _beside("sudden, ", jump)
     forgetful = replace(gradual["ε = 0.05"], learner=replace(CAREFUL, forget_factor=MILD))
     return [
@@ -124,7 +120,7 @@ def _gravity() -> list[Study]:
               "10-1-3, Figs. 10-14 and 10-15", steady, CLAIMS, -2500.0),
         *pair(("fig10-16", "fig10-17"), "Online LSPI, g jumps from 9.81 m/s² at 300 s",
               "10-1-3, Figs. 10-16 and 10-17",
-              _cells(sudden | constant, ("to 19.81",), yardsticks=tuple(sudden)), CLAIMS,
+              curves.cells(sudden | constant, ("to 19.81",), yardsticks=tuple(sudden)), CLAIMS,
               -2500.0, tuple(constant)),
         *(histories(f"fig10-{number}", f"Online LSPI, g jumps {label} m/s²",
                     f"10-1-3, Fig. 10-{number}", runs, CLAIMS)
@@ -133,10 +129,10 @@ def _gravity() -> list[Study]:
               (19, "to 19.81", {"ε = 0.2": Episodes(sudden["to 19.81"], WINDOWS),
                                 "ε = 0.05": Episodes(jump["ε = 0.05"], WINDOWS)}))),
         *pair(("fig10-20", "fig10-21"), "Online LSPI, g jumps to 19.81 m/s², exploration rates",
-              "10-1-3, Figs. 10-20 and 10-21", _cells(jump, ("ε = 0.05",)), CLAIMS, -2500.0),
+              "10-1-3, Figs. 10-20 and 10-21", curves.cells(jump, ("ε = 0.05",)), CLAIMS, -2500.0),
         *pair(("fig10-22", "fig10-23"), "Online LSPI, g grows to 19.81 m/s², exploration rates",
               "10-1-3, Figs. 10-22 and 10-23",
-              _cells(gradual | finals, ("ε = 0.05",)), CLAIMS, -2500.0, tuple(finals)),
+              curves.cells(gradual | finals, ("ε = 0.05",)), CLAIMS, -2500.0, tuple(finals)),
         histories("fig10-24", "Online LSPI, last episodes of growing g, η = 0.99991, ε = 0.05",
                   "10-1-3, Fig. 10-24",
                   {"ε = 0.05": Episodes(forgetful, ((600.0, -10, 10),))}, CLAIMS),
@@ -151,12 +147,12 @@ def _forgetting() -> list[Study]:
     still = {name: replace(setting, task=HANGING) for name, setting in forgetting(NOTHING).items()}
     return [
         *pair(("fig10-25", "fig10-26"), "Online LSPI, forget factors, g jumps, ε = 0.05",
-              "10-1-4, Figs. 10-25 and 10-26", _cells(jump, ("η = 0.99991",)), CLAIMS,
+              "10-1-4, Figs. 10-25 and 10-26", curves.cells(jump, ("η = 0.99991",)), CLAIMS,
               -2500.0),
         one("fig10-27", "Online LSPI, forget factors, g jumps, ε = 0.05", "learning score",
-            "10-1-4, Fig. 10-27", _cells(forgetting(NOTHING), ("η = 0.99991",)), CLAIMS),
+            "10-1-4, Fig. 10-27", curves.cells(forgetting(NOTHING), ("η = 0.99991",)), CLAIMS),
         one("fig10-28", "Online LSPI, forget factors, constant g, ε = 0.05", "learning score",
-            "10-1-4, Fig. 10-28", _cells(still, ("η = 0.99991",)), CLAIMS),
+            "10-1-4, Fig. 10-28", curves.cells(still, ("η = 0.99991",)), CLAIMS),
     ]  # fmt: skip
 
 
@@ -171,9 +167,9 @@ def _distributed() -> list[Study]:
     hanging = {f"hanging, {name}": replace(decays[name], task=HANGING) for name in list(DECAYS)[:4]}
     return [
         *pair(("fig10-29", "fig10-30"), "Online LSPI, constant exploration, distributed starts",
-              "10-1-5, Figs. 10-29 and 10-30", _cells(rates, ("ε = 0.2",)), CLAIMS, -1000.0),
+              "10-1-5, Figs. 10-29 and 10-30", curves.cells(rates, ("ε = 0.2",)), CLAIMS, -1000.0),
         *pair(("fig10-31", "fig10-32"), "Online LSPI, decaying exploration, distributed starts",
-              "10-1-5, Figs. 10-31 and 10-32", _cells(decays | hanging, ("ε_d = 0.9772",)),
+              "10-1-5, Figs. 10-31 and 10-32", curves.cells(decays | hanging, ("ε_d = 0.9772",)),
               CLAIMS, -1000.0, tuple(hanging)),
     ]  # fmt: skip
 
@@ -187,29 +183,20 @@ def _informed() -> list[Study]:
     gradual, both = (_rates(GRADUAL, LOW_RATES, "set 5", eta) for eta in (1.0, MILD))
     return [
         *pair(("fig10-33", "fig10-34"), "IOLSPI, demonstration sets and their repeats",
-              "10-2-1, Figs. 10-33 and 10-34", _cells(repeats, ("set 5",)), INFORMED),
+              "10-2-1, Figs. 10-33 and 10-34", curves.cells(repeats, ("set 5",)), INFORMED),
         *pair(("fig10-35", "fig10-36"), "IOLSPI from set 5, noise on the action",
-              "10-2-2, Figs. 10-35 and 10-36", _cells(action, ("σ_a = 1 V",)), INFORMED),
+              "10-2-2, Figs. 10-35 and 10-36", curves.cells(action, ("σ_a = 1 V",)), INFORMED),
         *pair(("fig10-37", "fig10-38"), "IOLSPI from set 5, noise of the sensors",
-              "10-2-2, Figs. 10-37 and 10-38", _cells(sensor, (list(sensor)[2],)), INFORMED),
+              "10-2-2, Figs. 10-37 and 10-38", curves.cells(sensor, (list(sensor)[2],)), INFORMED),
         *(one(f"fig10-{number}", f"IOLSPI from set 5, g {how} to 19.81 m/s², η = {eta:g}",
               "learning score", f"10-2-3, Fig. 10-{number}",
-              _cells(settings | others, ("ε = 0.05",)), INFORMED, beside=tuple(others))
+              curves.cells(settings | others, ("ε = 0.05",)), INFORMED, beside=tuple(others))
           for number, how, eta, settings, others in (
               (39, "jumps", 1.0, jump, {}),
               (40, "jumps", MILD, mild, _beside("without forgetting, ", jump)),
               (41, "grows", 1.0, gradual, _beside("sudden, ", jump)),
               (42, "grows", MILD, both, _beside("without forgetting, ", gradual)))),
     ]  # fmt: skip
-
-
-def _cells(
-    settings: dict[str, Learning],
-    also_refreshed: tuple[str, ...],
-    yardsticks: tuple[str, ...] = (),
-) -> tuple[Cell, ...]:
-    """Cells of a figure, with this chapter's number of realisations."""
-    return curves.cells(settings, also_refreshed, REALISATIONS, yardsticks)
 
 
 def _beside(prefix: str, settings: dict[str, Learning]) -> dict[str, Learning]:
