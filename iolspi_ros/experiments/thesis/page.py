@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from iolspi_ros import __version__
@@ -74,21 +74,24 @@ def write(studies: Sequence[Study], folder: Path) -> Path:
     InputError
         When it cannot be written.
     """
-    rows = read_rows(folder / CLAIMS)
-    said = [row for row in rows if row["where"] != OURS]
-    ours = [row for row in rows if row["where"] == OURS]
-    verdicts = [row["verdict"] for row in said]
-    counts = ", ".join(f"{verdicts.count(v.value)} {v.value}" for v in Verdict)
-    made = f"iolspi_ros {__version__}, " + ", ".join(f"{k} {v}" for k, v in libraries().items())
-    lines = [*_HEAD, f"{len(said)} claims: {counts}. Computed with {made}.", "", *_table(said)]
-    if ours:
-        lines += ["## What T does not say", "", *_table(ours)]
+    chapters: dict[str, list[Study]] = {}
     for study in studies:
-        lines += [f"## {study.name}: {study.title}", "", f"T {study.where}.", ""]
-        if study.draw is not None:
-            lines += [f"![{study.title}]({folder.name}/{study.name}.png)", ""]
-        else:
-            lines += _plain(read_rows(folder / f"{study.name}.csv"))
+        chapters.setdefault(_chapter(study), []).append(study)
+    rows = read_rows(folder / CLAIMS)
+    decided = {
+        title: [row for row in rows if row["study"] in {study.name for study in members}]
+        for title, members in chapters.items()
+    }
+    made = f"iolspi_ros {__version__}, " + ", ".join(f"{k} {v}" for k, v in libraries().items())
+    lines = [*_HEAD, f"Computed with {made}.", "", *_counts(decided)]
+    for title, members in chapters.items():
+        lines += [f"## {title}", "", *_table(decided[title])]
+        for study in members:
+            lines += [f"### {study.name}: {study.title}", "", f"T {study.where}.", ""]
+            if study.draw is not None:
+                lines += [f"![{study.title}]({folder.name}/{study.name}.png)", ""]
+            else:
+                lines += _plain(read_rows(folder / f"{study.name}.csv"))
     path = folder.with_suffix(".md")
     try:
         with atomic_file(path) as file:
@@ -116,7 +119,40 @@ _HEAD = (
 )
 
 
+_CHAPTERS = {
+    "Part I": "Part I: pendulum and slung load",
+    "5-": "Chapter 5: Q-learning on a grid",
+    "Appendix A": "Appendix A: parameters of Q-learning",
+    "8-": "Chapter 8: the cart-pole",
+    "9-": "Chapter 9: forgetting, and the number of realisations",
+    "10-": "Chapter 10: further results for the pendulum",
+    "11-": "Chapter 11: the slung load from narrow starts",
+}
+
+
+def _chapter(study: Study) -> str:
+    titles = (title for begin, title in _CHAPTERS.items() if study.where.startswith(begin))
+    return next(titles, "What T does not say")
+
+
+def _counts(decided: Mapping[str, Rows]) -> list[str]:
+    """How many of T's claims came to which verdict, by chapter."""
+    lines = [
+        "| | claims of T | " + " | ".join(verdict.value for verdict in Verdict) + " |",
+        "| --- " * (2 + len(Verdict)) + "|",
+    ]
+    everything = [row for rows in decided.values() for row in rows]
+    for title, rows in {**decided, "all": everything}.items():
+        said = [row["verdict"] for row in rows if row["where"] != OURS]
+        if said:
+            numbers = [len(said), *(said.count(verdict.value) for verdict in Verdict)]
+            lines.append(f"| {title} | " + " | ".join(map(str, numbers)) + " |")
+    return [*lines, ""]
+
+
 def _table(claims: Rows) -> list[str]:
+    if not claims:
+        return []
     return [
         "| where | claim | setting | n | measured: mean (95 %; wanted) | verdict | why |",
         "| --- | --- | --- | --- | --- | --- | --- |",
