@@ -28,7 +28,15 @@ from iolspi_ros.experiments.samplesets import (
 )  # fmt: skip
 from iolspi_ros.experiments.spread import Spread, spread
 from iolspi_ros.experiments.statistics import Interval
-from iolspi_ros.experiments.thesis import catalogue, chapter9, claims, compare, curves, page
+from iolspi_ros.experiments.thesis import (
+    catalogue,
+    chapter9,
+    chapter10,
+    claims,
+    compare,
+    curves,
+    page,
+)
 from iolspi_ros.experiments.thesis.claims import Verdict
 from iolspi_ros.experiments.thesis.study import read_rows, write_rows
 from sim_nodes.tasks.slung_load import SlungLoad
@@ -342,3 +350,12 @@ def test_bounds_are_narrower_with_more_realisations(n):
         whole = found[-2]
         assert whole.measured.mean == pytest.approx(1 / np.sqrt(10), rel=0.2)
         assert all(finding.verdict is Verdict.REPRODUCED for finding in found)
+
+
+def test_constant_g_is_constant():
+    """Figs. 10-14 and 10-15."""
+    cells = catalogue.studies()["fig10-14"].cells
+    constant = {c.label: c.setting.task for c in cells if c.label in chapter10.GRAVITIES}
+    assert set(constant) == set(chapter10.GRAVITIES)
+    for label, task in constant.items():
+        assert {task.gravity(t) for t in (0.0, 299.0, 450.0)} == {chapter10.GRAVITIES[label]}
