@@ -67,9 +67,10 @@ def test_initial_conditions():
 
 
 def test_gravity_changes_at_once_or_slowly():
-    sudden = Pendulum(g_after=19.81)
+    assert Pendulum(g=3.81, g_after=19.81).gravity(1e9) == 3.81  # never, by default
+    sudden = Pendulum(g_after=19.81, g_change_start=300.0)
     assert (sudden.gravity(299.99), sudden.gravity(300.0)) == (9.81, 19.81)
-    slow = Pendulum(g_after=19.81, g_change_duration=300.0)
+    slow = Pendulum(g_after=19.81, g_change_start=300.0, g_change_duration=300.0)
     assert slow.gravity(450.0) == pytest.approx(14.81)
     assert slow.gravity(900.0) == 19.81
 

@@ -104,9 +104,7 @@ def _noise() -> list[Study]:
 
 
 def _gravity() -> list[Study]:
-    constant = {
-        name: Learning(task=replace(HANGING, g=g, g_after=g)) for name, g in GRAVITIES.items()
-    }
+    constant = {name: Learning(task=replace(HANGING, g=g)) for name, g in GRAVITIES.items()}
     sudden = {
         f"to {g:g}": Learning(task=replace(HANGING, g_after=g, g_change_start=300.0))
         for g in GRAVITIES.values()
