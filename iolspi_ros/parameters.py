@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import typing
 from typing import Any, TypeVar
 
@@ -26,7 +27,6 @@ from iolspi_ros.settings import check_field, element_type
 Chosen = TypeVar("Chosen")
 
 _INTEGER_LIMIT = 2**62
-_FLOAT_LIMIT = 1.7e308
 
 
 def declare(node: Node, cls: type[Chosen], changeable: tuple[str, ...] = ()) -> Chosen:
@@ -123,8 +123,8 @@ def _descriptor(field: dataclasses.Field[Any], hint: Any, read_only: bool) -> Pa
     if hint is float:
         descriptor.floating_point_range = [
             FloatingPointRange(
-                from_value=-_FLOAT_LIMIT if low is None else float(low),
-                to_value=_FLOAT_LIMIT if high is None else float(high),
+                from_value=-math.inf if low is None else float(low),
+                to_value=math.inf if high is None else float(high),
             )
         ]
     elif hint is int:
