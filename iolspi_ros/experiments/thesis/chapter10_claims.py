@@ -19,6 +19,7 @@ from iolspi_ros.experiments.thesis.compare import (
     every,
     higher,
     lower,
+    reaches,
     rises,
     similar,
     steady,
@@ -79,17 +80,6 @@ def _faster(first: str, second: str, what: str, ratio: float) -> Decide:
     return decide
 
 
-def _least_critical(data: Data) -> list[Finding]:
-    """Spread of the final returns over exploration rates, in per cent of their mean."""
-    labels = ("ε = 0.05", "ε = 0.2", "ε = 0.6", "ε = 1")
-    final = np.stack([over(data, label, "discounted", *END) for label in labels])
-    share = 100.0 * (final.mean(axis=1).max() - final.mean(axis=1).min()) / abs(final.mean())
-    by_seed = 100.0 * np.ptp(final, axis=0) / np.abs(final.mean(axis=0))
-    spread = interval(by_seed)
-    what = f"range over ε = 0.05 to 1 of the final return [%] (of the means: {share:.1f})"
-    return [claims.below(what, spread, 2.0)]
-
-
 CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig10-1": (
         Claim("A too optimistic update (K_θ = 2) never gives a satisfactory policy",
@@ -118,7 +108,9 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
                       for name in ("ε_d = 0.9996", "ε_d = 1")))),
         Claim("A too low decay factor is not good either: too little exploration at the start",
               "10-1-1, Fig. 10-3", "ε_0 = 1, factors per second",
-              lower("ε_d = 0.8913", ("ε_d = 0.9772", "ε_d = 0.9962"), "discounted", END)),
+              lower("ε_d = 0.8913", ("ε_d = 0.9772", "ε_d = 0.9962"), "discounted", END),
+              "Beside 0.9772 it is worse; with 0.9962 ε comes down to 0.1 in the last second "
+              "only. All end within 0.5 % of each other"),
     ),
     "fig10-4": (
         Claim("The lower the decay factor, the faster the learning score goes up",
@@ -139,7 +131,9 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig10-9": (
         Claim("Noise on the action improves the policies: implicit exploration",
               "10-1-2, Fig. 10-9", "K_θ = 1000, ε = 0.2",
-              every(*(higher(f"σ_a = {s} V", "σ_a = 0 V", "discounted") for s in (1, 10)))),
+              every(*(higher(f"σ_a = {s} V", "σ_a = 0 V", "discounted") for s in (1, 10))),
+              "1 V makes no difference. 10 V, three times what the motor is given, make the "
+              "policies 2 % worse"),
         Claim("Noise of 1 V, a realistic one, does not change the performance much",
               "10-1-2, Fig. 10-9", "K_θ = 1000, ε = 0.2; not much: within 2 %",
               similar("σ_a = 1 V", "σ_a = 0 V", "discounted", END)),
@@ -147,7 +141,8 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig10-10": (
         Claim("With noise the agent learns a bit quicker", "10-1-2, Fig. 10-10",
               "learning score of the first 150 s",
-              higher("σ_a = 10 V", "σ_a = 0 V", "score", (0.0, 150.0))),
+              higher("σ_a = 10 V", "σ_a = 0 V", "score", (0.0, 150.0)),
+              "Noise of 10 V costs more score while learning than it brings"),
         Claim("In the end the highest noise (10 V) has a little lower score",
               "10-1-2, Fig. 10-10", "K_θ = 1000, ε = 0.2",
               lower("σ_a = 10 V", ("σ_a = 0 V", "σ_a = 1 V"), "score", END)),
@@ -163,7 +158,8 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
               "K_θ = 1000, ε = 0.2; as none: within 2 %",
               every(*(similar(name, _NO_NOISE, "discounted", END) for name in _LOW_NOISE))),
         Claim("Small sensor noise even seems to improve the performance", "10-1-2, Fig. 10-12",
-              "K_θ = 1000, ε = 0.2", higher(_LOW_NOISE[0], _NO_NOISE, "discounted")),
+              "K_θ = 1000, ε = 0.2", higher(_LOW_NOISE[0], _NO_NOISE, "discounted"),
+              "The difference is 0.15 % of the return"),
     ),
     "fig10-13": (
         Claim("High sensor noise lowers the learning score; moderate noise does not",
@@ -174,13 +170,15 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     "fig10-16": (
         Claim("After a sudden change of g the policy starts improving again",
               "10-1-3, Fig. 10-16", "ε = 0.2",
-              rises(("to 11.81", "to 19.81"), "discounted", (300.0, 320.0), END)),
+              rises(("to 11.81", "to 19.81"), "discounted", (300.0, 320.0), END),
+              "After the change to 11.81 m/s² there is hardly anything to improve: 0.3 % of the "
+              "return"),
     ),
     "fig10-17": (
         Claim("Only the change to 19.81 m/s² does not reach the score of constant g",
               "10-1-3, Figs. 10-15 and 10-17", "ε = 0.2; reached: within 3 %",
               every(lower("to 19.81", "g = 19.81", "score", END),
-                    *(similar(f"to {g}", f"g = {g}", "score", END, 0.03)
+                    *(reaches(f"to {g}", f"g = {g}", "score")
                       for g in ("3.81", "7.81", "11.81")))),
     ),
     "fig10-18": (
@@ -191,15 +189,19 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
         Claim("At 19.81 m/s², ε = 0.2 is too much random action to come upright; ε = 0.05 is not",
               "10-1-3, Fig. 10-19", "last two episodes",
               every(reached("ε = 0.2", slice(4, 6), below=0.2),
-                    reached("ε = 0.05", slice(4, 6), above=0.5))),
+                    reached("ε = 0.05", slice(4, 6), above=0.5)),
+              "It costs time and turns (1.2 s and 4.0 until upright, where ε = 0.05 takes 1.06 s "
+              "and 3.4), but nearly every episode comes upright"),
         Claim("At 19.81 m/s² it takes a lot of swings", "10-1-3, Fig. 10-19", "ε = 0.05",
-              _many_swings),
+              _many_swings,
+              "After the jump it does; before it, some starts need one turn"),
     ),
     "fig10-20": (
         Claim("Higher exploration rates give better policies, before and after the jump",
               "10-1-3, Fig. 10-20", "K_θ = 1000",
               every(higher("ε = 0.2", ("ε = 0", "ε = 0.05"), "discounted", (100.0, 280.0)),
-                    higher("ε = 0.2", ("ε = 0", "ε = 0.05"), "discounted", END))),
+                    higher("ε = 0.2", ("ε = 0", "ε = 0.05"), "discounted", END)),
+              "Against ε = 0.05 at the end the interval leaves it open"),
     ),
     "fig10-21": (
         Claim("Too much exploration scores badly while learning at 19.81 m/s²; ε = 0.05 is best",
@@ -210,7 +212,8 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
         Claim("With a gradual change the score at 600 s is close to that after a sudden one",
               "10-1-3, Fig. 10-23", "every ε; close: within 5 %",
               every(*(similar(name, f"sudden, {name}", "score", (570.0, 600.0), 0.05)
-                      for name in _RATES))),
+                      for name in _RATES)),
+              "Where anything is explored; without exploration the policy follows g less well"),
     ),
     "fig10-24": (
         Claim("While g grows the agent keeps swinging up most of the times",
@@ -229,7 +232,9 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
     ),
     "fig10-29": (
         Claim("With distributed starts the exploration rate is a lot less critical: same returns",
-              "10-1-5, Fig. 10-29", "K_θ = 1000; same: within 2 %", _least_critical),
+              "10-1-5, Fig. 10-29", "K_θ = 1000; same: within 2 %",
+              similar("ε = 0.2", ("ε = 0", "ε = 0.05", "ε = 0.6", "ε = 1"), "discounted", END),
+              "All that explore are the same; without exploration 2.7 % are lost"),
     ),
     "fig10-30": (
         Claim("Online, higher exploration rates still score lower", "10-1-5, Fig. 10-30",
@@ -240,7 +245,11 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
         Claim("With distributed starts a good policy is learned a lot sooner",
               "10-1-5, Figs. 10-3 and 10-31", "ε_0 = 1",
               every(*(_faster(name, f"hanging, {name}", "discounted", 0.02)
-                      for name in _DECAYS[:4]))),
+                      for name in _DECAYS[:4])),
+              "With hanging-down starts 20 to 50 s do already, where T saw 200 s. Where ε stays "
+              "high (0.9962) they go through a trough from 40 to 160 s, 200 below their final "
+              "return, which distributed starts do not have; the time of first coming near does "
+              "not see it"),
         Claim("Different decay factors give the same discounted return", "10-1-5, Fig. 10-31",
               "distributed starts; same: within 2 %",
               similar("ε_d = 0.9772", ("ε_d = 0.8913", "ε_d = 0.9962", "ε_d = 1"),

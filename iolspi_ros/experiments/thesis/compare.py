@@ -75,6 +75,19 @@ def similar(
     return decide
 
 
+def reaches(first: str, other: str, what: str, span: Span = END, margin: float = 0.03) -> Decide:
+    """The first comes up to the other, but for a share of the other's mean, or beyond it."""
+
+    def decide(data: Data) -> list[Finding]:
+        against = over(data, other, what, *span)
+        gap = difference(over(data, first, what, *span), against)
+        relative = Interval(*(100.0 * g / abs(against.mean()) for g in gap))
+        return [claims.above(f"{first} minus {other}, {_of(what, span)} [%]", relative,
+                             -100.0 * margin)]  # fmt: skip
+
+    return decide
+
+
 def rises(
     labels: str | tuple[str, ...], what: str, before: Span, after: Span, by: float = 0.0
 ) -> Decide:
