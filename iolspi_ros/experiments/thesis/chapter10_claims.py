@@ -109,8 +109,8 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
         Claim("A too low decay factor is not good either: too little exploration at the start",
               "10-1-1, Fig. 10-3", "ε_0 = 1, factors per second",
               lower("ε_d = 0.8913", ("ε_d = 0.9772", "ε_d = 0.9962"), "discounted", END),
-              "Beside 0.9772 it is worse; with 0.9962 ε comes down to 0.1 in the last second "
-              "only. All end within 0.5 % of each other"),
+              "Beside 0.9772 it is worse; with 0.9962 ε stays above 0.1 for all 600 s. All "
+              "end within 0.5 % of each other"),
     ),
     "fig10-4": (
         Claim("The lower the decay factor, the faster the learning score goes up",
