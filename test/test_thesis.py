@@ -316,7 +316,8 @@ def test_the_page_in_docs_is_made_from_the_rows_beside_it(tmp_path):
     """Figures too; of those, the cheapest of each kind."""
     folder = tmp_path / "thesis"
     shutil.copytree(DOCS / "thesis", folder, ignore=shutil.ignore_patterns("*.png"))
-    known = {n: s for n, s in catalogue.studies().items() if (folder / f"{n}.csv").is_file()}
+    known = catalogue.studies()
+    assert {path.stem for path in folder.glob("*.csv")} == {*known, Path(page.CLAIMS).stem}
     written = page.write(list(known.values()), folder).read_text(encoding="utf-8")
     committed = (DOCS / "thesis.md").read_text(encoding="utf-8")
 
@@ -334,6 +335,8 @@ def test_the_page_in_docs_is_made_from_the_rows_beside_it(tmp_path):
 def test_at_least_thirty_claims_of_the_thesis_are_decided():
     rows = read_rows(DOCS / "thesis" / page.CLAIMS)
     said = [row for row in rows if row["where"] != claims.OURS]
+    decided = {row["claim"] for row in rows}
+    assert decided == {c.text for s in catalogue.studies().values() for c in s.claims}
     assert len(said) >= 30
     assert {row["verdict"] for row in rows} <= {verdict.value for verdict in Verdict}
     for row in said:

@@ -160,4 +160,5 @@ _WIDTHS = Claim(
     "9-3, Figs. 9-5 to 9-8",
     "online LSPI, K_θ = 100, ε = 0.6; disjoint groups of the 100",
     _widths,
+    "30 % is what √2 gives, but there are only two halves to take it from",
 )

@@ -33,7 +33,7 @@ def curves(
     """
 
     def draw(rows: Rows) -> Figure:
-        figure = Figure(figsize=(7.5, 4.0), layout="constrained")
+        figure = Figure(figsize=(7.5, 4.6), layout="constrained")
         axes = figure.add_subplot()
         names = list(dict.fromkeys(row["curve"] for row in rows))
         plain = [name.removesuffix(", refreshed").removeprefix("near-optimal, ") for name in names]
@@ -56,7 +56,7 @@ def curves(
         if near_zero is not None:
             axes.set_xscale("symlog", linthresh=near_zero)
         _dress(figure, title, x_label, y)
-        axes.legend(frameon=False, fontsize=8, loc="lower right", ncols=2)
+        figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
         return figure
 
     return draw

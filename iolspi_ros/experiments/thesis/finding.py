@@ -71,8 +71,10 @@ CLAIMS = (
     Claim("A larger δ, of which T says only that it is small, cures it: the same samples teach to "
           "balance with Γ₀ = 10 I", OURS, "δ = 10 instead of 1",
           every(higher(_CURED, _PLAIN, "upright", END), at_least(_CURED, "upright", 0.9))),
-    Claim("A smaller δ makes it worse, in T's measure too", OURS, "δ = 0.01 instead of 1",
-          every(higher(_PLAIN, "set 1, δ = 0.01", "discounted", END))),
+    Claim("A smaller δ lowers T's measure, though more realisations balance", OURS,
+          "δ = 0.01 and 0.1 instead of 1",
+          every(*(higher(_PLAIN, f"set 1, δ = {d:g}", "discounted", END) for d in (0.01, 0.1)),
+                *(higher(f"set 1, δ = {d:g}", _PLAIN, "upright", END) for d in (0.01, 0.1)))),
     Claim("The refreshed learner balances from the same samples", OURS, "no δ to choose",
           at_least(f"{_PLAIN}, refreshed", "upright", 0.95)),
     Claim("The corrupted, exploring set 5 needs no cure, and loses nothing by it", OURS,
@@ -89,5 +91,6 @@ CART_POLE = (
     Claim("Its functions are not what does it", OURS, f"{_NEAR}, the same 7 by 7 functions",
           every(*(more(f"{_OURS}, {n} episodes", f"{_WIDE}, {n} episodes") for n in (100, 200)))),
     Claim("From 1,000 episodes its policies balance for 2,950 of 3,000 steps", OURS, _NEAR,
-          balanced(f"{_OURS}, 1000 episodes", 2950.0)),
+          balanced(f"{_OURS}, 1000 episodes", 2950.0),
+          "46 of 50 do, and four are poor. From so many episodes LSPI comes to as much"),
 )  # fmt: skip

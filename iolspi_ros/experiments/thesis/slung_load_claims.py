@@ -242,6 +242,7 @@ CLAIMS: dict[str, tuple[Claim, ...]] = {
             "IV-B-1, Table 3",
             "1,000 episodes",
             _slower,
+            "Up to 324 functions flying costs more than learning",
         ),
     ),
 }
