@@ -63,29 +63,18 @@ def similar(
     """The first differs from each of the others by less than a share of the other's mean."""
 
     def decide(data: Data) -> list[Finding]:
-        found = []
-        for other in _several(others):
-            against = over(data, other, what, *span)
-            gap = difference(over(data, first, what, *span), against)
-            relative = Interval(*(100.0 * g / abs(against.mean()) for g in gap))
-            name = f"{first} minus {other}, {_of(what, span)} [%]"
-            found.append(claims.within(name, relative, -100.0 * margin, 100.0 * margin))
-        return found
+        return [
+            claims.within(*_relative(data, first, other, what, span), -100.0 * margin,
+                          100.0 * margin)
+            for other in _several(others)
+        ]  # fmt: skip
 
     return decide
 
 
 def reaches(first: str, other: str, what: str, span: Span = END, margin: float = 0.03) -> Decide:
     """The first comes up to the other, but for a share of the other's mean, or beyond it."""
-
-    def decide(data: Data) -> list[Finding]:
-        against = over(data, other, what, *span)
-        gap = difference(over(data, first, what, *span), against)
-        relative = Interval(*(100.0 * g / abs(against.mean()) for g in gap))
-        return [claims.above(f"{first} minus {other}, {_of(what, span)} [%]", relative,
-                             -100.0 * margin)]  # fmt: skip
-
-    return decide
+    return lambda data: [claims.above(*_relative(data, first, other, what, span), -100.0 * margin)]
 
 
 def rises(
@@ -173,6 +162,14 @@ def sooner(first: str, second: str, begin: float, seconds: float) -> Decide:
         return [claims.above(name, interval(600.0 - first_time), seconds)]
 
     return decide
+
+
+def _relative(data: Data, first: str, other: str, what: str, span: Span) -> tuple[str, Interval]:
+    """What the first is above the other, in per cent of the other's mean, and its name."""
+    against = over(data, other, what, *span)
+    gap = difference(over(data, first, what, *span), against)
+    relative = Interval(*(100.0 * g / abs(against.mean()) for g in gap))
+    return f"{first} minus {other}, {_of(what, span)} [%]", relative
 
 
 def _several(labels: str | tuple[str, ...]) -> tuple[str, ...]:

@@ -32,7 +32,6 @@ def refreshed(label: str) -> str:
 def cells(
     settings: Mapping[str, Learning],
     also_refreshed: Iterable[str] = (),
-    seeds: int = 50,
     yardsticks: tuple[str, ...] = (),
 ) -> tuple[Cell, ...]:
     """Cells of one figure.
@@ -43,13 +42,11 @@ def cells(
         Literal IOLSPI, by label.
     also_refreshed : iterable of str
         Labels that the refreshed learner learns too.
-    seeds : int
-        Of the literal ones.
     yardsticks : tuple of str
         Labels whose tasks' near-optimal policies stand beside; by default the first one's, for
         all.
     """
-    found = [Cell(label, learn, s, seeds, _cost(s)) for label, s in settings.items()]
+    found = [Cell(label, learn, s, cost=_cost(s)) for label, s in settings.items()]
     for label in also_refreshed:
         setting = settings[label]
         learner = replace(setting.learner, algorithm="refreshed", periodic=(True, False))
