@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.dropping import INFORMED, ONLINE, Dropping, best, drop
-from iolspi_ros.experiments.headless import Listener, train
 from iolspi_ros.experiments.statistics import interval, intervals
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
@@ -36,8 +30,7 @@ from iolspi_ros.experiments.thesis.slung_load_claims import (
     binned,
 )
 from iolspi_ros.experiments.thesis.study import Rows, Study
-from sim_nodes.tasks.slung_load import SlungLoad
-from sim_nodes.world import World, WorldSettings
+from iolspi_ros.experiments.timing import timed
 
 Array = NDArray[np.float64]
 
@@ -111,18 +104,6 @@ def _timed() -> tuple[Cell, ...]:
         learner = replace(ONLINE, centers=grid, epsilon_decay=0.995)
         cells.append(Cell(f"{functions} functions", timed, learner, 5, 0.001 * functions))
     return tuple(cells)
-
-
-def timed(setting: LearnerSettings, seed: int) -> Mapping[str, Any]:
-    """Seconds of 1,000 episodes from nothing, when everything is compiled."""
-    task: Any = SlungLoad()
-    for episodes in (2, 1000):
-        core = OnlineLSPI(setting, np.random.default_rng([seed, 1]))
-        world = World(task, WorldSettings(), np.random.default_rng([seed, 0]))
-        begin = time.perf_counter()
-        train(world, core, episodes, Listener())
-        seconds = time.perf_counter() - begin
-    return {"seconds": seconds, "samples": core.step}
 
 
 def _times(data: Data) -> Rows:
