@@ -167,9 +167,18 @@ def _plain(rows: Rows) -> list[str]:
     return [
         "| " + " | ".join(name.replace("_", " ") for name in head) + " |",
         "| --- " * len(head) + "|",
-        *("| " + " | ".join(_escaped(row[name]) for name in head) + " |" for row in rows),
+        *("| " + " | ".join(_escaped(_short(row[name])) for name in head) + " |" for row in rows),
         "",
     ]
+
+
+def _short(text: str) -> str:
+    """Five digits of what is 1 or more: the file has them all."""
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return f"{value:.5g}" if abs(value) >= 1.0 and "." in text else text
 
 
 def _escaped(text: str) -> str:
