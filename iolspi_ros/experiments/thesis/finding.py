@@ -75,7 +75,7 @@ CLAIMS = (
           "δ = 0.01 and 0.1 instead of 1",
           every(*(higher(_PLAIN, f"set 1, δ = {d:g}", "discounted", END) for d in (0.01, 0.1)),
                 *(higher(f"set 1, δ = {d:g}", _PLAIN, "upright", END) for d in (0.01, 0.1)))),
-    Claim("The refreshed learner balances from the same samples", OURS, "no δ to choose",
+    Claim("The refreshed learner balances from the same samples", OURS, "no δ to choose; three realisations",
           at_least(f"{_PLAIN}, refreshed", "upright", 0.95)),
     Claim("The corrupted, exploring set 5 needs no cure, and loses nothing by it", OURS,
           "δ = 1 and 10",
