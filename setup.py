@@ -45,5 +45,13 @@ setup(
             "learner = iolspi_ros.nodes.start:learner",
             "bridge = iolspi_ros.nodes.start:bridge",
         ],
+        "iolspi_ros.tasks": [
+            "pendulum = sim_nodes.tasks.pendulum:Pendulum",
+            "slung_load = sim_nodes.tasks.slung_load:SlungLoad",
+            "cart_pole = sim_nodes.tasks.cart_pole:CartPole",
+        ],
+        "iolspi_ros.learners": [
+            "iolspi = iolspi_ros.core.online:OnlineLSPI",
+        ],
     },
 )

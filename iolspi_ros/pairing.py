@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from iolspi_ros import wire
-from iolspi_ros.core.samples import Array, Observation, Transition
+from iolspi_ros.core.samples import Array, Observation, Transition, transition_between
+from iolspi_ros.task import TaskDescription
 
 
 class Pairer:
@@ -20,14 +21,13 @@ class Pairer:
 
     Parameters
     ----------
-    joints : sequence of str
-        The task's joints, in the order of its state.
+    task : TaskDescription
     window : int
         Messages and observations kept while their partners are awaited.
     """
 
-    def __init__(self, joints: Sequence[str], window: int = 512) -> None:
-        self._joints = joints
+    def __init__(self, task: TaskDescription, window: int = 512) -> None:
+        self._codec = wire.states(task)
         self._window = window
         self._rows = wire.RewardRows()
         self._states: OrderedDict[int, Array] = OrderedDict()
@@ -36,14 +36,14 @@ class Pairer:
         self._formed: OrderedDict[tuple[int, int], None] = OrderedDict()
 
     def state(self, message: Any) -> Observation | None:
-        """Take a sensor_msgs/JointState; return the observation that it completes.
+        """Take a message on `state`; return the observation that it completes.
 
         Raises
         ------
         InputError
             When it is not a state of this task.
         """
-        state, stamp = wire.read_state(self._joints, message)
+        state, stamp = self._codec.state(message)
         known = self._states.get(stamp)
         if known is not None and known.tolist() == state.tolist():
             return None  # repeated: its reward, repeated too, will say so
@@ -79,11 +79,7 @@ class Pairer:
             if before is None or after is None or (episode, left) in self._formed:
                 continue
             self._keep(self._formed, (episode, left), None)
-            transition = Transition(
-                before.state, after.action, after.reward, after.state,
-                after.terminated, after.truncated,
-            )  # fmt: skip
-            found.append((before, transition))
+            found.append((before, transition_between(before, after)))
         return found
 
     def _complete(self, stamp: int) -> Observation | None:

@@ -6,7 +6,8 @@ import dataclasses
 import difflib
 import math
 import typing
-from typing import Any, TypeVar
+from collections.abc import Collection, Mapping
+from typing import Any, Protocol, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -27,9 +28,23 @@ from iolspi_ros.settings import check_field, element_type
 Chosen = TypeVar("Chosen")
 
 _INTEGER_LIMIT = 2**62
+_LISTS = {
+    float: Parameter.Type.DOUBLE_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    bool: Parameter.Type.BOOL_ARRAY,
+    str: Parameter.Type.STRING_ARRAY,
+}
 
 
-def declare(node: Node, cls: type[Chosen], changeable: tuple[str, ...] = ()) -> Chosen:
+class GivenNode(Protocol):
+    """A node that knows what it was given: `given`, parameters by name."""
+
+    given: Mapping[str, Any]
+
+    def __getattr__(self, name: str) -> Any: ...
+
+
+def declare(node: GivenNode, cls: type[Chosen], changeable: tuple[str, ...] = ()) -> Chosen:
     """Declare every field of a settings dataclass as a parameter, and read them.
 
     Parameters
@@ -53,14 +68,14 @@ def declare(node: Node, cls: type[Chosen], changeable: tuple[str, ...] = ()) -> 
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
         descriptor = _descriptor(field, hints[field.name], field.name not in changeable)
         default = list(field.default) if isinstance(field.default, tuple) else field.default
-        given = node._parameter_overrides.get(field.name)  # its value, for the message
+        if default == []:  # of which nobody could tell the type
+            default = _LISTS[element_type(hints[field.name])]
         try:
             node.declare_parameter(field.name, default, descriptor)
         except (InvalidParameterTypeException, InvalidParameterValueException):
-            value = given.value if given is not None else default
             wanted = _type_name(hints[field.name])
             raise InputError(
-                f"parameter {field.name} is {value!r}; allowed: {wanted}"
+                f"parameter {field.name} is {node.given.get(field.name)!r}; allowed: {wanted}"
                 f"{_limits(field)} ({field.metadata['description']})"
             ) from None
     return read(node, cls)
@@ -76,8 +91,8 @@ def read(node: Node, cls: type[Chosen]) -> Chosen:
     """
     values = {}
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
-        value = node.get_parameter(field.name).value
-        values[field.name] = tuple(value) if isinstance(field.default, tuple) else value
+        value = node.get_parameter_or(field.name).value  # None for a list that nobody gave
+        values[field.name] = tuple(value or ()) if isinstance(field.default, tuple) else value
     try:
         return cls(**values)
     except InputError as error:
@@ -101,11 +116,11 @@ def check_changes(node: Node, *classes: type[Any]) -> None:
     node.add_on_set_parameters_callback(check)
 
 
-def warn_unknown(node: Node) -> None:
-    """Name given parameters that the node does not have: most are misspelt."""
-    known = [name for name in node._parameters if not name.startswith("qos_overrides")]
-    for name in node._parameter_overrides:
-        if name in known or name.startswith("qos_overrides"):
+def warn_unknown(node: GivenNode, others: Collection[str] = ()) -> None:
+    """Name given parameters that the node does not have, nor `others`: most are misspelt."""
+    known = node.list_parameters([], 0).names
+    for name in node.given:
+        if name in known or name in others or name.startswith("qos_overrides"):
             continue
         near = difflib.get_close_matches(name, known, 1)
         hint = f"; did you mean {near[0]}?" if near else ""

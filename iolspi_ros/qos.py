@@ -27,4 +27,11 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""demonstration: whoever comes late still hears the last word."""
+"""task, demonstration: whoever comes late still hears the last word."""
+
+TASK = QoSProfile(
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Who listens to task: every vehicle in the graph is heard, should there be more than one."""

@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from iolspi_ros import arguments
 from iolspi_ros.errors import InputError
 
 
@@ -27,6 +26,14 @@ def find(*parts: str) -> Path:
         if (root / "package.xml").is_file() and root.joinpath(*parts).exists():
             return root.joinpath(*parts)
     raise InputError(f"{'/'.join(parts)} is not there; allowed: a file of this package")
+
+
+def config(task: str) -> Path | None:
+    """The parameter file that is shipped for a task, if there is one."""
+    try:
+        return find("config", f"{task}.yaml")
+    except InputError:
+        return None
 
 
 def cache_folder() -> Path:
@@ -54,23 +61,15 @@ def make_folder(path: Path) -> None:
 
 
 def parameters(path: Path, node: str) -> dict[str, Any]:
-    """What a ROS parameter file says to one node.
+    """What a ROS parameter file says to one node of the root namespace; later sections count.
 
     Raises
     ------
     InputError
         When the file is missing or is no ROS parameter file.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist; allowed: a ROS parameter file") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path} is no YAML: {' '.join(str(error).split())}") from None
-    try:
-        values = (content.get(node) or {}).get("ros__parameters", {})
-        return dict(values)
-    except (AttributeError, TypeError, ValueError):
-        raise InputError(
-            f"{path} is no ROS parameter file; allowed: NODE: ros__parameters: NAME: value"
-        ) from None
+    found: dict[str, Any] = {}
+    for pattern, section in arguments.read_sections(path).items():
+        if arguments.matches(pattern, f"/{node}"):
+            found |= section
+    return found

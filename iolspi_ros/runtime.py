@@ -10,17 +10,20 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
+from iolspi_ros.arguments import without_files
 from iolspi_ros.errors import InputError
+
+RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
 def executor() -> Executor:
@@ -77,7 +80,7 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     try:
-        rclpy.init(args=args)
+        rclpy.init(args=without_files(sys.argv if args is None else args))
         begun = True
         node = make()
         spin(node)
@@ -103,7 +106,13 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
 
 
 def spin(node: Node) -> None:
-    """Handle events until the context is shut down."""
+    """Handle events until the context is shut down.
+
+    Raises
+    ------
+    InputError
+        Why a managed node cannot go on.
+    """
     loop = executor()
     loop.add_node(node)
     gc.collect()
@@ -111,10 +120,13 @@ def spin(node: Node) -> None:
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
     try:
         context = node.context
-        while context.ok():
+        while context.ok() and getattr(node, "failure", None) is None:
             _spin_once(loop, node)
     except ExternalShutdownException:
         pass
+    failure = getattr(node, "failure", None)
+    if failure is not None:
+        raise failure
 
 
 def _spin_once(loop: Executor, node: Node) -> None:

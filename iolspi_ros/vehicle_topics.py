@@ -1,17 +1,17 @@
-"""The vehicle's side of the graph: what every vehicle says, and how it is answered."""
+"""What a vehicle says to the graph and how it is answered; how others hear what its task is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import TaskDescription
 
 
 class Answer(NamedTuple):
@@ -23,25 +23,29 @@ class Answer(NamedTuple):
 
 
 class VehicleTopics:
-    """Publishes `state` and `reward`, and reads what comes on `action`.
+    """Publishes `task`, `state` and `reward`, and reads what comes on `action`.
 
     Parameters
     ----------
     node : rclpy.node.Node
+    task : TaskDescription
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, task: TaskDescription) -> None:
+        self._node, self._task = node, task
+        self._states = wire.states(task)
         self._action_rows = wire.Rows("action", wire.ACTION)
         self._reward_rows = wire.RewardRows()
-        self._state_out = node.create_publisher(JointState, "state", qos.OUTGOING)
+        self._state_out = node.create_publisher(self._states.type, "state", qos.OUTGOING)
         self._reward_out = node.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
-        self._state_message, self._reward_message = JointState(), Float64MultiArray()
+        self._task_out = node.create_publisher(String, "task", qos.LATCHED)
+        self._state_message, self._reward_message = self._states.type(), Float64MultiArray()
         self.ignored = 0
+        runtime.publish(self._task_out, wire.task_message(task))
 
-    def show(self, joints: Sequence[str], observation: Observation) -> None:
+    def show(self, observation: Observation) -> None:
         """Make an observation the one that is published."""
-        wire.fill_state(self._state_message, joints, observation.state, observation.stamp)
+        self._state_message = self._states.of(observation, self._state_message)
         self._reward_message = self._reward_rows.of(observation)
 
     def publish(self) -> None:
@@ -49,13 +53,13 @@ class VehicleTopics:
         runtime.publish(self._state_out, self._state_message)
         runtime.publish(self._reward_out, self._reward_message)
 
-    def read(self, n_actions: int, message: Any) -> Answer | None:
+    def read(self, message: Any) -> Answer | None:
         """What a message on `action` says; None, and a word to people, when it says nothing."""
         try:
             episode, step, _, _, value, _ = self._action_rows.read(message)
             action = wire.whole(value)
-            if not 0 <= action < n_actions:
-                raise InputError(f"action is {value}; allowed: 0 to {n_actions - 1}")
+            if not 0 <= action < self._task.n_actions:
+                raise InputError(f"action is {value}; allowed: 0 to {self._task.n_actions - 1}")
         except InputError as error:
             self.ignored += 1
             self._node.get_logger().warning(
@@ -63,3 +67,52 @@ class VehicleTopics:
             )
             return None
         return Answer(episode, step, action)
+
+    def close(self) -> None:
+        """Stop being a vehicle."""
+        for publisher in (self._state_out, self._reward_out, self._task_out):
+            self._node.destroy_publisher(publisher)
+
+
+class TaskListener:
+    """Hears on `task` what the vehicle's task is.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    on_task : callable
+        Takes the first description; an InputError that it raises is one of the node's.
+    on_conflict : callable
+        Takes words for people: another description contradicts the first, or is none.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        on_task: Callable[[TaskDescription], None],
+        on_conflict: Callable[[str], None],
+    ) -> None:
+        self._node, self._on_task, self._on_conflict = node, on_task, on_conflict
+        self.task: TaskDescription | None = None
+        self._subscription = node.create_subscription(String, "task", self._hear, qos.TASK)
+
+    @property
+    def topic(self) -> str:
+        """Where it listens."""
+        return str(self._subscription.topic_name)
+
+    def _hear(self, message: Any) -> None:
+        try:
+            described = wire.read_task(message, f"topic {self.topic}")
+            if self.task is not None:
+                self.task.check_same(described, "the vehicle", f"another message on {self.topic}")
+        except InputError as error:
+            self._on_conflict(str(error))
+            return
+        if self.task is None:
+            self.task = described
+            self._on_task(described)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._node.destroy_subscription(self._subscription)

@@ -1,8 +1,10 @@
-"""The wire format: rows of named numbers, states, and their stamps. The one place for it.
+"""The wire format: tasks, states, rows of named numbers, and stamps. The one place for it.
 
-A row is a std_msgs/Float64MultiArray whose one dimension is labelled with the names of its
-entries, separated by commas. Rows are read by name, so entries may come in another order and
-more may be there. `docs/interfaces.md` is the contract.
+The task travels as JSON in a std_msgs/String. A state is a sensor_msgs/JointState where it is the
+position and velocity of joints, and a row otherwise. A row is a std_msgs/Float64MultiArray whose
+one dimension is labelled with the names of its entries, separated by commas. Rows are read by
+name, so entries may come in another order and more may be there. `docs/interfaces.md` is the
+contract.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import TaskDescription, dump, load
 
 NANOSECONDS = 1_000_000_000
 KEY = ("episode", "step", "sec", "nanosec")
@@ -26,10 +29,10 @@ REWARD = (*KEY, "reward", "terminated", "truncated", "action")
 ACTION = (*KEY, "action", "source")
 SCORE = (*KEY, "score", "discounted_return", "explored")
 UPDATE = (
-    *KEY, "number", "accepted", "weights_norm", "change", "epsilon",
-    "condition", "rank", "residual", "samples", "online_steps",
-    "status", "policies", "predicted", "predicted_before", "delta", "refused",
+    *KEY, "number", "accepted", "healthy", "weights_norm", "change", "epsilon", "samples",
+    "online_steps",
 )  # fmt: skip
+"""Behind these comes what the learner itself has to say, under its own names."""
 DEMONSTRATION = (*KEY, "active", "samples")
 
 
@@ -37,26 +40,21 @@ DEMONSTRATION = (*KEY, "active", "samples")
 def _messages() -> Any:
     """Message types, imported when first used: reading bags needs none of them."""
     from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+    from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
     return SimpleNamespace(
         JointState=JointState,
         Array=Float64MultiArray,
         Dimension=MultiArrayDimension,
         Layout=MultiArrayLayout,
+        String=String,
     )
 
 
-def state_names(joints: Sequence[str]) -> tuple[str, ...]:
-    """Names of a state's entries: position and velocity of each joint in turn."""
-    return tuple(f"{joint}.{part}" for joint in joints for part in ("position", "velocity"))
-
-
-def sample_names(joints: Sequence[str]) -> tuple[str, ...]:
+def sample_names(variables: Sequence[str]) -> tuple[str, ...]:
     """Names of a sample's entries."""
-    state = state_names(joints)
-    following = tuple(f"next.{name}" for name in state)
-    return (*KEY, *state, "action", "reward", *following, "terminated", "truncated", "source")
+    after = tuple(f"next.{name}" for name in variables)
+    return (*KEY, *variables, "action", "reward", *after, "terminated", "truncated", "source")
 
 
 class Rows:
@@ -107,6 +105,17 @@ class Rows:
         columns = self._columns[label]
         return data if columns is None else [data[column] for column in columns]
 
+    def read_all(self, message: Any) -> dict[str, float]:
+        """Every value of a message by its name, also those that are not asked for.
+
+        Raises
+        ------
+        InputError
+            As of `read`.
+        """
+        self.read(message)
+        return dict(zip(message.layout.dim[0].label.split(","), message.data, strict=True))
+
     def _find(self, label: str) -> list[int]:
         found = label.split(",")
         missing = [name for name in self.names if name not in found]
@@ -150,9 +159,9 @@ class RewardRows(Rows):
 class SampleRows(Rows):
     """Rows of whole transitions."""
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        super().__init__("sample", sample_names(joints))
-        self.n_dims = 2 * len(joints)
+    def __init__(self, variables: Sequence[str]) -> None:
+        super().__init__("sample", sample_names(variables))
+        self.n_dims = len(variables)
 
     def of(self, sample: Sample) -> Any:
         """Message of a sample."""
@@ -168,7 +177,7 @@ class SampleRows(Rows):
         Raises
         ------
         InputError
-            When it is not a sample of these joints.
+            When it is not a sample of these variables.
         """
         values, d = self.read(message), self.n_dims
         transition = Transition(
@@ -205,49 +214,107 @@ def join(sec: float, nanosec: float) -> int:
     return sec * NANOSECONDS + nanosec if sec >= 0 and nanosec >= 0 else -1
 
 
-def state_message(joints: Sequence[str], state: NDArray[np.float64], stamp: int) -> Any:
-    """A sensor_msgs/JointState of a state [q_1, q̇_1, q_2, …] at a stamp [ns]."""
-    message = _messages().JointState()
-    return fill_state(message, joints, state, stamp)
+class JointStates:
+    """States that are the position and velocity of each joint in turn.
+
+    Parameters
+    ----------
+    joints : sequence of str
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = list(joints)
+
+    @property
+    def type(self) -> Any:
+        """Of the messages."""
+        return _messages().JointState
+
+    def of(self, observation: Observation, message: Any = None) -> Any:
+        """Message of an observation; one made before is filled, which saves most of making one."""
+        message = self.type() if message is None else message
+        values = observation.state.tolist()
+        message.name = self._joints
+        message.position = array.array("d", values[0::2])
+        message.velocity = array.array("d", values[1::2])
+        message.header.stamp.sec, message.header.stamp.nanosec = split(observation.stamp)
+        return message
+
+    def state(self, message: Any) -> tuple[NDArray[np.float64], int]:
+        """State and stamp [ns] of a message; joints are found by name.
+
+        Raises
+        ------
+        InputError
+            When a joint is missing or has no position or velocity.
+        """
+        joints, names = self._joints, list(message.name)
+        missing = [joint for joint in joints if joint not in names]
+        if missing:
+            raise InputError(
+                f"state has joints {names}, not {', '.join(missing)}; allowed: {joints}"
+            )
+        if len(message.position) != len(names) or len(message.velocity) != len(names):
+            raise InputError(
+                f"state has {len(message.position)} positions and {len(message.velocity)} "
+                f"velocities; allowed: {len(names)} of each, one per joint"
+            )
+        state = np.empty(2 * len(joints))
+        for d, joint in enumerate(joints):
+            column = names.index(joint)
+            state[2 * d] = message.position[column]
+            state[2 * d + 1] = message.velocity[column]
+        stamp = message.header.stamp
+        return state, stamp.sec * NANOSECONDS + stamp.nanosec
 
 
-def fill_state(message: Any, joints: Sequence[str], state: NDArray[np.float64], stamp: int) -> Any:
-    """Put a state into a message that was made before, which saves most of making one."""
-    values = state.tolist()
-    message.name = list(joints)
-    message.position = array.array("d", values[0::2])
-    message.velocity = array.array("d", values[1::2])
-    message.header.stamp.sec, message.header.stamp.nanosec = split(stamp)
-    return message
+class StateRows(Rows):
+    """States of any variables."""
+
+    def __init__(self, variables: Sequence[str]) -> None:
+        super().__init__("state", (*KEY, *variables))
+
+    @property
+    def type(self) -> Any:
+        """Of the messages."""
+        return _messages().Array
+
+    def of(self, observation: Observation, message: Any = None) -> Any:
+        """Message of an observation."""
+        o = observation
+        return self.message(o.episode, o.step, *split(o.stamp), *o.state.tolist())
+
+    def state(self, message: Any) -> tuple[NDArray[np.float64], int]:
+        """State and stamp [ns] of a message.
+
+        Raises
+        ------
+        InputError
+            When it is no state of these variables.
+        """
+        values = self.read(message)
+        return np.array(values[len(KEY) :], float), join(values[2], values[3])
 
 
-def read_state(joints: Sequence[str], message: Any) -> tuple[NDArray[np.float64], int]:
-    """State and stamp [ns] of a sensor_msgs/JointState; joints are found by name.
+def states(task: TaskDescription) -> JointStates | StateRows:
+    """How the states of a task travel."""
+    return JointStates(task.joints) if task.joints else StateRows(task.names)
+
+
+def task_message(task: TaskDescription) -> Any:
+    """A std_msgs/String of a task description."""
+    return _messages().String(data=dump(task))
+
+
+def read_task(message: Any, where: str) -> TaskDescription:
+    """The description in a message.
 
     Raises
     ------
     InputError
-        When a joint is missing or has no position or velocity.
+        When it is none.
     """
-    names = list(message.name)
-    if names != list(joints):
-        missing = [joint for joint in joints if joint not in names]
-        if missing:
-            raise InputError(
-                f"state has joints {names}, not {', '.join(missing)}; allowed: {list(joints)}"
-            )
-    if len(message.position) != len(names) or len(message.velocity) != len(names):
-        raise InputError(
-            f"state has {len(message.position)} positions and {len(message.velocity)} "
-            f"velocities; allowed: {len(names)} of each, one per joint"
-        )
-    state = np.empty(2 * len(joints))
-    for d, joint in enumerate(joints):
-        column = names.index(joint)
-        state[2 * d] = message.position[column]
-        state[2 * d + 1] = message.velocity[column]
-    stamp = message.header.stamp
-    return state, stamp.sec * NANOSECONDS + stamp.nanosec
+    return load(message.data, where)
 
 
 def weights_message(weights: NDArray[np.float64], number: int) -> Any:
@@ -265,6 +332,17 @@ def weights_message(weights: NDArray[np.float64], number: int) -> Any:
 
 
 def read_weights(message: Any) -> tuple[NDArray[np.float64], int]:
-    """Weights and the number of their update."""
-    actions, size = (dimension.size for dimension in message.layout.dim)
-    return np.array(message.data[1:]).reshape(actions, size), int(message.data[0])
+    """Weights and the number of their update.
+
+    Raises
+    ------
+    InputError
+        When they are none.
+    """
+    sizes = [dimension.size for dimension in message.layout.dim]
+    if len(sizes) != 2 or len(message.data) != 1 + sizes[0] * sizes[1]:
+        raise InputError(
+            f"weights have dimensions {sizes} and {len(message.data)} entries; allowed: two "
+            "dimensions, and the number of the update before the entries"
+        )
+    return np.array(message.data[1:]).reshape(sizes), int(message.data[0])

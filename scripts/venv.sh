@@ -49,7 +49,8 @@ fi
 
 mark=.venv/.installed
 for done in "$what" test; do
-    if [ -f "$mark.$done" ] && cmp -s "requirements/$done.txt" "$mark.$done"; then
+    # setup.py names the parts that others find by name, so a new one is installed anew.
+    if [ -f "$mark.$done" ] && cat "requirements/$done.txt" setup.py | cmp -s - "$mark.$done"; then
         exit 0
     fi
 done
@@ -58,4 +59,4 @@ say "Installing pinned requirements into .venv (about a minute, once) ..."
     -r "requirements/$what.txt"
 .venv/bin/python -m pip install --disable-pip-version-check --quiet --no-deps \
     --no-build-isolation --no-index --editable .
-cp "requirements/$what.txt" "$mark.$what"
+cat "requirements/$what.txt" setup.py >"$mark.$what"

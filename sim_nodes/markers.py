@@ -12,17 +12,17 @@ from visualization_msgs.msg import Marker, MarkerArray
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from sim_nodes import pictures
-from sim_nodes.pictures import Picture, Shape
 from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.shapes import AMBER, BALL, BOX, FALL_TIME, LINE, Picture, Shape
 
 FRAME = "world"
 PERIOD = 0.02
 """Seconds of wall time between two pictures at least: nobody sees more, and lockstep is fast."""
 
 _KINDS = {
-    pictures.BOX: Marker.CUBE,
-    pictures.BALL: Marker.SPHERE,
-    pictures.LINE: Marker.LINE_STRIP,
+    BOX: Marker.CUBE,
+    BALL: Marker.SPHERE,
+    LINE: Marker.LINE_STRIP,
 }
 
 
@@ -32,15 +32,17 @@ class Markers:
     Parameters
     ----------
     node : rclpy.node.Node
+    task : Task
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, task: Task) -> None:
+        self._node, self._task = node, task
         self._out = node.create_publisher(MarkerArray, "markers", qos.LATCHED)
         self._shown = 0.0
         self._latest: Observation | None = None
         self._before: Observation | None = None
 
-    def show(self, task: Task, observation: Observation) -> None:
+    def show(self, observation: Observation) -> None:
         """Publish what an observation looks like; how an episode ended is never left out."""
         if observation is not self._latest:  # else it is repeated
             self._before, self._latest = self._latest, observation
@@ -50,10 +52,14 @@ class Markers:
         self._shown = now
         if not self._out.get_subscription_count():
             return
-        shapes = pictures.picture(task, observation.state)
+        shapes = pictures.picture(self._task, observation.state)
         if observation.terminated and self._before is not None:
-            shapes += _fall(task, self._before, observation)
+            shapes += _fall(self._task, self._before, observation)
         runtime.publish(self._out, message(shapes, observation.stamp))
+
+    def close(self) -> None:
+        """Show nothing more."""
+        self._node.destroy_publisher(self._out)
 
 
 def message(shapes: Picture, stamp: int) -> MarkerArray:
@@ -67,7 +73,7 @@ def _marker(shape: Shape, stamp: int) -> Marker:
     marker.header.stamp.sec, marker.header.stamp.nanosec = wire.split(stamp)
     marker.pose.orientation.w = 1.0
     points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
-    if shape.kind == pictures.LINE:
+    if shape.kind == LINE:
         marker.points = points
     else:
         marker.pose.position = points[0]
@@ -78,10 +84,10 @@ def _marker(shape: Shape, stamp: int) -> Marker:
 
 
 def _fall(task: Task, before: Observation, last: Observation) -> Picture:
-    """The path of a load that was dropped; it stays until the next one."""
-    times = np.linspace(0.0, pictures.FALL_TIME, 15)
-    path = pictures.dropped(task, before.state, last.reward, times)
+    """The path of what was released; it stays until the next one."""
+    times = np.linspace(0.0, FALL_TIME, 15)
+    path = pictures.released(task, before.state, last.reward, times)
     if not len(path):
         return ()
     points = tuple((x, 0.0, z) for x, z in path.tolist())
-    return (Shape("fall", pictures.LINE, points, (0.02, 0.0, 0.0), (0.9, 0.55, 0.1, 0.6)),)
+    return (Shape("fall", LINE, points, (0.02, 0.0, 0.0), (*AMBER[:3], 0.6)),)

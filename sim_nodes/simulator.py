@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -16,11 +15,21 @@ from std_srvs.srv import SetBool, Trigger
 from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
+from iolspi_ros.managed import ManagedNode
 from iolspi_ros.settings import Settings, setting
+from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import VehicleTopics
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
+from sim_nodes.tasks.base import Task
 from sim_nodes.world import World, WorldSettings
+
+
+@dataclass(frozen=True)
+class TaskChoice(Settings):
+    """Which vehicle it is."""
+
+    task: str = setting("pendulum", "a registered task, or module:Class")
 
 
 @dataclass(frozen=True)
@@ -36,61 +45,105 @@ class SimulatorSettings(Settings):
     resend_after: float = setting(
         0.05, "lockstep: repeat a state not answered for this long [s]", low=0.001, high=3600.0
     )
+    publish_clock: str = setting(
+        "auto", "publish vehicle time on /clock; auto for lockstep in the root namespace alone",
+        choices=("auto", "always", "never"),
+    )  # fmt: skip
     seed: int = setting(0, "of initial conditions and noise; used at the next reset", low=0)
     episodes: int = setting(0, "stop after so many episodes since the reset; 0 for never", low=0)
 
 
-class Simulator(Node):
-    """Publishes `state`, `reward`, `/clock`, `markers`; takes `action`: docs/interfaces.md."""
+class Simulator(ManagedNode):
+    """Publishes `task`, `state`, `reward`, `/clock`, `markers`; takes `action`."""
 
-    def __init__(self) -> None:
-        super().__init__("simulator")
-        self.declare_parameter("task", "pendulum")
-        self._task_class = task_class(str(self.get_parameter("task").value))
-        changeable = tuple(field.name for field in fields(self._task_class))
-        world = tuple(field.name for field in fields(WorldSettings))
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        super().__init__("simulator", arguments)
+        name = parameters.declare(self, TaskChoice).task
+        self._task_class = task_class(name)
+        self._task_settings = (self._task_class,) if issubclass(self._task_class, Settings) else ()
         self.settings = parameters.declare(self, SimulatorSettings, ("seed", "episodes"))
-        parameters.declare(self, self._task_class, changeable)
-        parameters.declare(self, WorldSettings, world)
-        parameters.check_changes(self, SimulatorSettings, self._task_class, WorldSettings)
+        for cls in (*self._task_settings, WorldSettings):
+            parameters.declare(self, cls, tuple(field.name for field in fields(cls)))
+        parameters.check_changes(self, SimulatorSettings, *self._task_settings, WorldSettings)
         parameters.warn_unknown(self)
-        self._topics = VehicleTopics(self)
-        self._clock_out = self.create_publisher(Clock, "/clock", qos.OUTGOING)
-        self._markers = Markers(self)
-        self._clock_message = Clock()
         self._ticks = 0
         self._episode = -1
-        self._paused = False
+        self._published = 0.0
+        self._paused = self._done = False
+
+    def configure(self) -> None:
+        """Make the world, and say what its task is."""
         self._restart()
-        self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SetBool, "~/pause", self._on_pause)
+        self._topics = VehicleTopics(self, self.task)
+        self._clock_out = (
+            self.create_publisher(Clock, "/clock", qos.OUTGOING) if self._publishes_clock else None
+        )
+        self._clock_message = Clock()
+        self._markers = Markers(self, self.world.task)
+        self._kept = [
+            self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL),
+            self.create_service(Trigger, "~/reset", self._on_reset),
+            self.create_service(SetBool, "~/pause", self._on_pause),
+        ]
+        if self.settings.mode == "lockstep":
+            self._timer = runtime.wall_timer(self, self.settings.resend_after, self._repeat)
+        else:
+            period = self.task.sampling_time / self.settings.real_time_factor
+            self._timer = runtime.wall_timer(self, period, self._tick)
         self.get_logger().info(
-            f"{self.world.task.name} in {self.settings.mode}; actions are heard on "
+            f"{self.task.name} in {self.settings.mode}; actions are heard on "
             f"{self.resolve_topic_name('action')}"
         )
-        if self.settings.mode == "lockstep":
-            runtime.wall_timer(self, self.settings.resend_after, self._repeat)
-        else:
-            period = self.world.task.dt / self.settings.real_time_factor
-            runtime.wall_timer(self, period, self._tick)
+
+    def activate(self) -> None:
+        """Let the vehicle move."""
+        if self._begun == 0:
+            self._begin()
+
+    def deactivate(self) -> None:
+        """Stop the vehicle where it is."""
+
+    def cleanup(self) -> None:
+        """Leave the graph."""
+        self._topics.close()
+        self._markers.close()
+        if self._clock_out is not None:
+            self.destroy_publisher(self._clock_out)
+        self.destroy_timer(self._timer)
+        subscription, *services = self._kept
+        self.destroy_subscription(subscription)
+        for service in services:
+            self.destroy_service(service)
 
     def close(self) -> None:
         """Nothing to put away."""
+
+    @property
+    def task(self) -> TaskDescription:
+        """What the vehicle is to do."""
+        return self.world.task.description
+
+    @property
+    def _publishes_clock(self) -> bool:
+        """Whether `/clock` is ours: one clock for all, so only one vehicle may give it."""
+        if self.settings.publish_clock != "auto":
+            return self.settings.publish_clock == "always"
+        return self.settings.mode == "lockstep" and self.get_namespace() == "/"
 
     # ------------------------------------------------------------ episodes
 
     def _restart(self) -> None:
         """Make the world anew from the parameters as they are now."""
         self.settings = parameters.read(self, SimulatorSettings)
-        task = parameters.read(self, self._task_class)
+        task: Task = (
+            parameters.read(self, self._task_class) if self._task_settings else self._task_class()
+        )
         world = parameters.read(self, WorldSettings)
         self.world = World(task, world, np.random.default_rng([self.settings.seed, 0]))
-        self._stamp_step = round(task.dt * wire.NANOSECONDS)
+        self._stamp_step = round(self.task.sampling_time * wire.NANOSECONDS)
         self._begun = 0
         self._done = False
         self._first = time.monotonic()  # of the first step
-        self._begin()
 
     def _begin(self) -> None:
         if self.settings.episodes and self._begun >= self.settings.episodes:
@@ -100,7 +153,7 @@ class Simulator(Node):
             return
         self._begun += 1
         self._episode += 1
-        self._action = self.world.task.neutral
+        self._action = self.task.neutral
         self._answered = -1
         self._show(self.world.begin(self._episode))
 
@@ -120,29 +173,28 @@ class Simulator(Node):
         self._ticks += 1  # also at the start of an episode: every state has a stamp of its own
         stamp = self._ticks * self._stamp_step
         self._observation = observation = observation._replace(stamp=stamp)
-        time_now = self._clock_message.clock
-        time_now.sec, time_now.nanosec = wire.split(stamp)
-        self._topics.show(self.world.task.joints, observation)
+        self._topics.show(observation)
         self._publish()
 
     def _repeat(self) -> None:
-        if time.monotonic() - self._published > 0.9 * self.settings.resend_after:
+        late = time.monotonic() - self._published > 0.9 * self.settings.resend_after
+        if self.active and self._begun and late:
             self._publish()
 
     def _publish(self) -> None:
-        if self._paused or self._done:
-            return
-        self._topics.publish()
-        # Last: whoever answers is at work already.
-        runtime.publish(self._clock_out, self._clock_message)
         self._published = time.monotonic()
-        self._markers.show(self.world.task, self._observation)
+        if self._clock_out is not None:
+            now = self._clock_message.clock
+            now.sec, now.nanosec = wire.split(self._observation.stamp)
+            runtime.publish(self._clock_out, self._clock_message)
+        self._topics.publish()
+        self._markers.show(self._observation)
 
     # ------------------------------------------------------------ what comes in
 
     def _on_action(self, message: Any) -> None:
-        answer = self._topics.read(len(self.world.task.actions), message)
-        if answer is None or self._paused or self._done or answer.episode != self._episode:
+        answer = self._topics.read(message)
+        if answer is None or not self._moving or answer.episode != self._episode:
             return
         if self.settings.mode == "lockstep":
             if answer.step == self._observation.step:
@@ -151,12 +203,18 @@ class Simulator(Node):
             self._answered, self._action = int(answer.step), answer.action
 
     def _tick(self) -> None:
-        if not (self._paused or self._done):
+        if self._moving:
             self._advance(self._action)
+
+    @property
+    def _moving(self) -> bool:
+        return self.active and not (self._paused or self._done)
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         try:
             self._restart()
+            if self.active:
+                self._begin()
         except InputError as error:
             response.success, response.message = False, str(error)
         else:
@@ -172,4 +230,4 @@ class Simulator(Node):
 
 def main() -> int:
     """Run the simulator."""
-    return runtime.main(Simulator, "simulator", sys.argv)
+    return runtime.main(Simulator, "simulator")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from iolspi_ros.core.samples import Observation
@@ -37,6 +39,43 @@ class WorldSettings(Settings):
     )
 
 
+class Noise(NamedTuple):
+    """What stands between a vehicle and its controller, as plain numbers for compiled code.
+
+    Attributes
+    ----------
+    action : float
+        Standard deviation on the action.
+    uniform : float
+        Half-width of uniform noise on the action.
+    blurred : bool
+        Whether the measured state has noise.
+    sensor : ndarray of shape (n_dims,)
+        Its standard deviations.
+    """
+
+    action: float
+    uniform: float
+    blurred: bool
+    sensor: Array
+
+
+@njit(cache=True)
+def action_noise(noise: Noise, rng: np.random.Generator) -> float:
+    """What is added to an action, in its unit (T Eq. 10-1; T 8-1)."""
+    added = noise.action * rng.standard_normal() if noise.action else 0.0
+    if noise.uniform:
+        added += noise.uniform * (2.0 * rng.random() - 1.0)
+    return added
+
+
+@njit(cache=True)
+def blur(noise: Noise, rng: np.random.Generator, seen: Array) -> None:
+    """Add the sensors' noise to a state, in place (T Eq. 10-2)."""
+    for d in range(len(seen)):
+        seen[d] += noise.sensor[d] * rng.standard_normal()
+
+
 class World:
     """A task with a state, a clock and a random generator.
 
@@ -51,8 +90,7 @@ class World:
     ----------
     state : ndarray of shape (n_dims,)
         Of the vehicle, as it is.
-    sensor_noise : ndarray of shape (n_dims,)
-        Standard deviations of the measured state.
+    noise : Noise
     """
 
     def __init__(self, task: Task, settings: WorldSettings, rng: np.random.Generator) -> None:
@@ -64,7 +102,10 @@ class World:
         noise, n_dims = settings.sensor_noise, self._starts.shape[1]
         if len(noise) not in (1, n_dims):
             raise InputError(f"sensor_noise has {len(noise)} entries; allowed: 1 or {n_dims}")
-        self.sensor_noise = np.broadcast_to(np.array(noise), (n_dims,)).copy()
+        sensor = np.broadcast_to(np.array(noise, float), (n_dims,)).copy()
+        self.noise = Noise(
+            settings.action_noise, settings.uniform_noise, bool(sensor.any()), sensor
+        )
         self.state = self._starts[0]
         self._episodes_started = 0
         self._step = 0
@@ -72,7 +113,7 @@ class World:
     @property
     def vehicle_time(self) -> float:
         """Time that the vehicle has moved [s]; starting an episode takes none of it."""
-        return self.vehicle_steps * self.task.dt
+        return self.vehicle_steps * self.task.description.sampling_time
 
     def begin(self, episode: int) -> Observation:
         """Put the vehicle at an initial condition."""
@@ -87,17 +128,15 @@ class World:
     def move(self, episode: int, action: int) -> Observation:
         """Hold an action for one sampling time."""
         noise = 0.0
-        if self.settings.action_noise:
-            noise = self.settings.action_noise * self.rng.standard_normal()
-        if self.settings.uniform_noise:
-            noise += self.settings.uniform_noise * (2.0 * self.rng.random() - 1.0)
+        if self.noise.action or self.noise.uniform:
+            noise = action_noise(self.noise, self.rng)
         self.state, reward, terminated = self.task.step(
             self.state, action, self.vehicle_time, noise
         )
         self._step += 1
         self.vehicle_steps += 1
         ended = bool(terminated)
-        cut = not ended and self._step >= self.task.episode_steps
+        cut = not ended and self._step >= self.task.description.episode_steps
         return Observation(episode, self._step, self._measured(), float(reward), action, ended, cut)
 
     def flown(self, state: Array, steps: int) -> None:
@@ -107,6 +146,8 @@ class World:
         self.vehicle_steps += steps
 
     def _measured(self) -> Array:
-        if not self.sensor_noise.any():
+        if not self.noise.blurred:
             return self.state
-        return self.state + self.sensor_noise * self.rng.standard_normal(len(self.state))
+        seen = self.state.copy()
+        blur(self.noise, self.rng, seen)
+        return seen

@@ -1,4 +1,6 @@
-import iolspi_ros  # noqa: F401, I001  first: it sets the BLAS threads before numpy loads
+from iolspi_ros.process import prepare
+
+prepare()  # before numpy loads its BLAS
 
 import contextlib
 import os

@@ -193,15 +193,15 @@ def test_a_bag_is_never_overwritten(tmp_path):
 @pytest.mark.parametrize("number", range(1, 6))
 @pytest.mark.parametrize("task", [Pendulum(), SlungLoad()])
 def test_the_shipped_sets_are_whole_and_say_who_flew(task, number):
-    path = find("demos", task.name, f"set_{number}")
-    found = bags.read_demonstration(path, task.name, task.joints)
-    flown = found.transitions(len(task.low))
+    path = find("demos", task.description.name, f"set_{number}")
+    found = bags.read_demonstration(path, task.description.name, task.description.joints)
+    flown = found.transitions(task.description.n_dims)
     ends = flown.terminated | flown.truncated
     assert len(found.samples) == found.card["samples"]
     assert ends.sum() == len(task.initial_states())
     assert ends[-1]
     assert found.notes == []
-    assert found.card["task"] == task.name
+    assert found.card["task"] == task.description.name
     assert found.card["reaction_delay"] >= 0.03
     assert found.card["hold_time"] >= 0.02
     assert "scripted pilot" in found.card["pilot"]

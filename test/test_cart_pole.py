@@ -71,7 +71,7 @@ def test_random_episodes_are_whole_and_seeded():
         pushes = np.array([exactly(found.state[k], force)[1] for force in (-60.0, 60.0)])
         share = (found.next_state[k, 1] - pushes[0]) / (pushes[1] - pushes[0])
         force = -60.0 + 120.0 * share
-        assert abs(force - TASK.actions[found.action[k]]) < 10.5
+        assert abs(force - TASK.description.actions[found.action[k]]) < 10.5
     again, _ = balance.random_episodes(TASK, 200, np.random.default_rng(3))
     np.testing.assert_array_equal(again.next_state, found.next_state)
 
@@ -129,8 +129,8 @@ def test_a_world_pushes_with_uniform_noise():
     rates = []
     for _ in range(500):
         world.state = np.zeros(2)
-        rates.append(world.move(0, TASK.neutral).state[1])
-    bound, _, _ = TASK.step(np.zeros(2), TASK.neutral, 0.0, -10.0)
+        rates.append(world.move(0, TASK.description.neutral).state[1])
+    bound, _, _ = TASK.step(np.zeros(2), TASK.description.neutral, 0.0, -10.0)
     assert np.abs(rates).max() <= bound[1]
     assert np.std(rates) == pytest.approx(bound[1] / np.sqrt(3), rel=0.1)
 

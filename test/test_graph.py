@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import bags, qos, runtime
 from iolspi_ros.core import checkpoint
-from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.headless import Listener, prepare, train
@@ -21,7 +21,7 @@ from sim_nodes.tasks import Pendulum
 from sim_nodes.world import World, WorldSettings
 
 EPISODES = 3
-SETTINGS = LearnerSettings(update_interval=250)
+SETTINGS = LSPISettings(update_interval=250)
 SET_5 = find("demos", "pendulum", "set_5")
 
 
@@ -33,7 +33,7 @@ def headless(seed, informed):
     learner = new_learner(seed)
     if informed:
         found = bags.read_demonstration(SET_5, "pendulum", ("shaft",))
-        learner.inform(found.transitions(2))
+        learner.pretrain(found.transitions(2))
     world = World(Pendulum(), WorldSettings(), np.random.default_rng([seed, 0]))
     train(world, learner, EPISODES, Listener())
     return learner
@@ -104,7 +104,9 @@ def test_the_slung_load_is_the_same_too(nodes, tmp_path):
     flown = OnlineLSPI(settings, np.random.default_rng([3, 1]))
     checkpoint.load(path, flown, "slung_load")
     alone = OnlineLSPI(settings, np.random.default_rng([3, 1]))
-    alone.inform(bags.read_demonstration(bag, "slung_load", world.task.joints).transitions(4))
+    alone.pretrain(
+        bags.read_demonstration(bag, "slung_load", world.task.description.joints).transitions(4)
+    )
     train(world, alone, episodes, Listener())
     assert flown.step == alone.step >= 3 * 200
     assert_same(flown, alone)

@@ -29,8 +29,10 @@ def test_what_was_missed_is_filled_and_an_end_makes_it_whole():
 
 @pytest.mark.parametrize("task", [SlungLoad(), Pendulum()])
 def test_episodes_of_any_length_are_judged_as_the_evaluation_does(task):
-    weights = np.random.default_rng(1).standard_normal((len(task.low), len(task.actions)))
-    scale = np.maximum(np.abs(task.low), np.abs(task.high))
+    weights = np.random.default_rng(1).standard_normal(
+        (task.description.n_dims, task.description.n_actions)
+    )
+    scale = np.maximum(np.abs(task.description.low), np.abs(task.description.high))
 
     def policy(states):
         return np.argmax(np.sin(3.0 * states / scale) @ weights, axis=1)
@@ -46,9 +48,11 @@ def test_episodes_of_any_length_are_judged_as_the_evaluation_does(task):
     np.testing.assert_array_equal(succeeded(task, episodes), flown.succeeded)
     ends = endings(task, episodes)
     np.testing.assert_array_equal(ends > 0, [e.terminated for e in episodes])
-    if task.name == "slung_load":
+    if task.description.name == "slung_load":
         assert len({len(e.states) for e in episodes}) > 3
-        np.testing.assert_array_equal(ends == task.endings.index("dunk"), flown.succeeded)
+        np.testing.assert_array_equal(
+            ends == task.description.endings.index("dunk"), flown.succeeded
+        )
 
 
 class Staying:
@@ -71,14 +75,14 @@ def test_an_episode_that_ended_early_stays_where_it_ended():
 def test_the_thesis_own_stands_beside_only_where_it_differs(tmp_path):
     """The slung load with T's own functions, and no shield."""
     file = resources.find("config", "slung_load.yaml")
-    taught = Transitions.of([Transition(np.zeros(4), 0, -1.0, np.ones(4))], 4)
-    learner, history = literal_beside("slung_load", file, 0, taught, 2)
+    demonstrations = Transitions.of([Transition(np.zeros(4), 0, -1.0, np.ones(4))], 4)
+    learner, history = literal_beside("slung_load", file, 0, demonstrations, 2)
     assert learner.literal
     assert learner.settings.centers == (9, 1, 9, 1)
     assert not learner.settings.shield
-    assert (len(history.episodes), len(history.taught)) == (2, 1)
+    assert (len(history.episodes), len(history.demonstrations)) == (2, 1)
     own = file.read_text().replace("centers: [5, 4, 7, 4]", "centers: [9, 1, 9, 1]")
     other = tmp_path / "own.yaml"
     other.write_text(own)
     assert prepare("slung_load", other, 0)[1].literal
-    assert literal_beside("slung_load", other, 0, taught, 2) is None
+    assert literal_beside("slung_load", other, 0, demonstrations, 2) is None

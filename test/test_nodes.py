@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import spin_until
 from diagnostic_msgs.msg import DiagnosticArray
+from iolspi_ros.nodes.stick import Stick, StickSettings
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -18,9 +19,8 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import bags, qos, runtime, wire
-from iolspi_ros.core.online import Source
+from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
-from iolspi_ros.nodes.stick import Stick, StickSettings
 from iolspi_ros.resources import find
 
 SET_5 = find("demos", "pendulum", "set_5")

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from iolspi_ros.core import checkpoint
-from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.online import OnlineLSPI, Source
+from iolspi_ros.core.learner import Source
+from iolspi_ros.core.lspi_settings import LSPISettings
+from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, train
@@ -15,7 +16,7 @@ from sim_nodes.world import World, WorldSettings
 
 def learner(seed=0, **changes):
     values = {"algorithm": "literal", "centers": (4, 3), "update_interval": 50, "delta": 0.1}
-    return OnlineLSPI(LearnerSettings(**values | changes), np.random.default_rng([seed, 1]))
+    return OnlineLSPI(LSPISettings(**values | changes), np.random.default_rng([seed, 1]))
 
 
 def world(seed=0):
@@ -144,7 +145,7 @@ def test_epsilon_is_the_share_of_exploring_actions():
 def demonstration(n=400):
     rng = np.random.default_rng(7)
     task = Pendulum()
-    states = rng.uniform(task.low, task.high, (n, 2))
+    states = rng.uniform(task.description.low, task.description.high, (n, 2))
     actions = rng.integers(3, size=n)
     following, reward, ended = task.step(states, actions)
     return Transitions(states, actions, reward, following, ended, ended)
@@ -152,7 +153,7 @@ def demonstration(n=400):
 
 def test_informed_it_goes_on_from_the_weights_and_the_matrices():
     core = learner(update_interval=10)
-    result = core.inform(demonstration())
+    result = core.pretrain(demonstration())
     np.testing.assert_array_equal(core.weights, result.solve.weights)
     informed = core.moments
     assert informed.n_samples == core.n_samples == 400
@@ -175,7 +176,7 @@ def test_numbers_that_are_none_are_dropped_and_counted():
     assert (core.step, core.dropped) == (0, 4)
     broken = demonstration()
     broken.reward[5] = np.nan
-    core.inform(broken)
+    core.pretrain(broken)
     assert core.dropped == 5
     assert np.isfinite(core.weights).all()
 
@@ -184,7 +185,7 @@ def test_a_demonstration_of_nothing_is_refused():
     broken = demonstration(3)
     broken.reward[:] = np.nan
     with pytest.raises(InputError, match="none of 3"):
-        learner().inform(broken)
+        learner().pretrain(broken)
 
 
 def test_an_unhealthy_solve_keeps_the_weights():
@@ -203,7 +204,7 @@ def test_solving_beside_the_control_thread_gives_the_same(algorithm):
     cores = [learner(algorithm=algorithm) for _ in range(2)]
     inline, beside = cores
     for core in cores:
-        core.inform(demonstration())
+        core.pretrain(demonstration())
         for k in range(50):
             core.observe(next(iter(demonstration()[k : k + 1])))
     inline.update()
@@ -271,4 +272,4 @@ def test_a_save_that_fails_leaves_the_one_before(tmp_path, monkeypatch):
 )  # fmt: skip
 def test_settings_out_of_range_name_field_and_value(field, value):
     with pytest.raises(InputError, match=f"{field}.* is"):
-        LearnerSettings(**{field: value})
+        LSPISettings(**{field: value})

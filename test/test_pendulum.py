@@ -24,7 +24,12 @@ def test_a_step_integrates_eq_15(start, action):
     for _ in range(20):
         state, _, _ = TASK.step(state, np.int64(action))
     exact = solve_ivp(
-        equation_15, (0, 0.1), start, args=(TASK.actions[action], 9.81), rtol=1e-11, atol=1e-11
+        equation_15,
+        (0, 0.1),
+        start,
+        args=(TASK.description.actions[action], 9.81),
+        rtol=1e-11,
+        atol=1e-11,
     ).y[:, -1]
     angle = (exact[0] + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(state, [angle, exact[1]], atol=1e-5)
@@ -39,7 +44,10 @@ def test_the_reward_is_eq_16_as_a_cost():
 
 def test_many_at_once_are_each_alone():
     rng = np.random.default_rng(0)
-    states, actions = rng.uniform(TASK.low, TASK.high, (50, 2)), rng.integers(3, size=50)
+    states, actions = (
+        rng.uniform(TASK.description.low, TASK.description.high, (50, 2)),
+        rng.integers(3, size=50),
+    )
     following, reward, ended = TASK.step(states, actions)
     assert following.shape == (50, 2)
     assert ended.shape == (50,)
@@ -92,7 +100,9 @@ def test_noise_has_its_deviations_and_its_seed():
     expected, _, _ = TASK.step(starts[0], np.int64(2))
     np.testing.assert_array_equal(first.state, expected)
     perturbed, _, _ = TASK.step(starts[0], np.int64(2), 0.0, 0.7)
-    slope = 0.7 * TASK.torque_constant / TASK.resistance / TASK.inertia * TASK.dt
+    slope = (
+        0.7 * TASK.torque_constant / TASK.resistance / TASK.inertia * TASK.description.sampling_time
+    )
     assert perturbed[1] - expected[1] == pytest.approx(slope, rel=0.02)
 
 

@@ -47,7 +47,9 @@ def test_the_bob_stands_upright_at_zero_and_keeps_its_distance():
 
 @pytest.mark.parametrize("task", [LOAD, SHAFT])
 def test_a_picture_always_has_the_same_shapes(task):
-    states = np.random.default_rng(0).uniform(task.low, task.high, (50, len(task.low)))
+    states = np.random.default_rng(0).uniform(
+        task.description.low, task.description.high, (50, task.description.n_dims)
+    )
     kinds = {tuple((s.name, s.kind, s.size) for s in pictures.picture(task, x)) for x in states}
     assert len(kinds) == 1
     names = [name for name, _, _ in kinds.pop()]

@@ -24,7 +24,7 @@ def fly(settings, seed, episodes):
     for _ in range(episodes):
         pilot.begin()
         state = TASK.draw_initial(rng)
-        for _ in range(TASK.episode_steps):
+        for _ in range(TASK.description.episode_steps):
             seen.append(state)
             state, reward, ended = TASK.step(state, pilot.act(state))
             if ended:
@@ -48,7 +48,10 @@ def test_what_is_human_about_it_costs_dunks():
 
 def test_an_explorer_sees_more_and_every_ending():
     performing, exploring = (fly(replace(HUMAN, mode=mode), 0, 300) for mode in MODES)
-    bins = [np.linspace(low, high, 9) for low, high in zip(TASK.low, TASK.high, strict=True)]
+    bins = [
+        np.linspace(low, high, 9)
+        for low, high in zip(TASK.description.low, TASK.description.high, strict=True)
+    ]
     cells = [
         (np.histogramdd(seen[:3000], bins)[0] > 0).sum() for _, seen in (performing, exploring)
     ]
@@ -58,7 +61,7 @@ def test_an_explorer_sees_more_and_every_ending():
 
 def test_a_pilot_reacts_late_and_holds_its_decisions():
     rng = np.random.default_rng(1)
-    states = rng.uniform(TASK.low, TASK.high, (60, 4))
+    states = rng.uniform(TASK.description.low, TASK.description.high, (60, 4))
     states[:, 0] = -5.0  # far from the basket: no release
     settings = replace(HUMAN, prediction_error=0.0)
 
@@ -69,7 +72,7 @@ def test_a_pilot_reacts_late_and_holds_its_decisions():
     flown = actions(states)
     assert all(a == b for a, b in zip(flown[0::2], flown[1::2], strict=True))
     other = states.copy()
-    other[40:] = rng.uniform(TASK.low, TASK.high, (20, 4))
+    other[40:] = rng.uniform(TASK.description.low, TASK.description.high, (20, 4))
     assert actions(other)[:42] == flown[:42]  # 0.2 s are two steps
     assert actions(other)[42:] != flown[42:]
 

@@ -4,8 +4,8 @@ import pytest
 from iolspi_ros.core import judge
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import RBFGrid
-from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import BlockSystem
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Transition, Transitions
@@ -20,23 +20,23 @@ TASK = Pendulum()
 
 def uniform(n, seed=0):
     rng = np.random.default_rng(seed)
-    states = rng.uniform(TASK.low, TASK.high, (n, 2))
+    states = rng.uniform(TASK.description.low, TASK.description.high, (n, 2))
     actions = rng.integers(3, size=n)
     following, reward, ended = TASK.step(states, actions)
     return Transitions(states, actions, reward, following, ended, ended)
 
 
 def learner(seed=0, **changes):
-    return OnlineLSPI(LearnerSettings(**changes), np.random.default_rng([seed, 1]))
+    return OnlineLSPI(LSPISettings(**changes), np.random.default_rng([seed, 1]))
 
 
 def test_predicted_returns_are_the_true_ones_where_samples_are():
-    transitions, settings = uniform(6000), LearnerSettings()
+    transitions, settings = uniform(6000), LSPISettings()
     basis = settings.features()
     system = BlockSystem(transitions, basis, 3, 0.98, np.ones(6000), 0.0)
     prediction = judge.fit(system, transitions, basis)
     weights = learner().weights
-    starts = np.random.default_rng(1).uniform(TASK.low, TASK.high, (40, 2))
+    starts = np.random.default_rng(1).uniform(TASK.description.low, TASK.description.high, (40, 2))
     predicted, _ = prediction.returns(weights, starts, 0.98)
     state, total = starts, np.zeros(40)
     for k in range(297):
@@ -72,7 +72,7 @@ def test_far_off_values_are_not_plausible():
 
 
 def test_the_scale_of_gamma_is_that_of_its_eigenvalues():
-    system = BlockSystem(uniform(50), LearnerSettings().features(), 3, 0.98, np.ones(50), 0.0)
+    system = BlockSystem(uniform(50), LSPISettings().features(), 3, 0.98, np.ones(50), 0.0)
     system.gram = np.array([np.diag([4.0, 4.0, 0.0]), np.diag([4.0, 0.0, 0.0])])
     assert system.scale() == pytest.approx(4.0)
     system.gram = np.zeros((1, 2, 2))
@@ -81,7 +81,7 @@ def test_the_scale_of_gamma_is_that_of_its_eigenvalues():
 
 def test_one_unknown_for_each_sample_gives_the_same_as_one_for_each_function():
     """Weights, values, scale and predictions, for a policy of each kind."""
-    t, basis = uniform(500), LearnerSettings(centers=(9, 7)).features()
+    t, basis = uniform(500), LSPISettings(centers=(9, 7)).features()
     ended = np.arange(500) % 7 == 0
     t = Transitions(t.state, t.action, t.reward, t.next_state, ended, ~ended)
     weight = np.random.default_rng(3).uniform(0.1, 1.0, 500)
@@ -102,7 +102,7 @@ def test_one_unknown_for_each_sample_gives_the_same_as_one_for_each_function():
 
 def test_from_samples_of_everywhere_it_is_near_optimal_at_once():
     core = learner()
-    update = core.inform(uniform(6000))
+    update = core.pretrain(uniform(6000))
     assert update.accepted
     assert update.judgement.policies > 10
     best = evaluate(TASK, near_optimal_policy(TASK)).discounted_return
@@ -122,7 +122,7 @@ def test_it_learns_online_from_nothing():
 
 def test_the_policy_in_use_stays_when_none_is_better():
     core = learner()
-    core.inform(uniform(6000))
+    core.pretrain(uniform(6000))
     again = refresh(core.buffer, 0, core.features, core.settings, core.weights, core.starts)
     if not again.judgement.delta:
         assert again.weights is core.weights
@@ -146,7 +146,7 @@ def test_solves_that_are_not_healthy_are_never_flown():
 
 def test_the_budget_of_time_is_kept_to_one_policy():
     core = learner(refresh_budget=1e-9)
-    update = core.inform(uniform(2000))
+    update = core.pretrain(uniform(2000))
     assert update.iteration.iterations == 1
     assert update.judgement.policies <= 2
 

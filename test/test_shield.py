@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.online import OnlineLSPI, Source
+from iolspi_ros.core.learner import Source
+from iolspi_ros.core.lspi_settings import LSPISettings
+from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.shield import HORIZON, allowed, lasting, predict, safest
 from iolspi_ros.errors import InputError
@@ -11,7 +12,7 @@ from sim_nodes.tasks import make_task
 from sim_nodes.tasks.slung_load import RELEASE, Outcome, outcome
 from sim_nodes.world import World, WorldSettings
 
-CART = LearnerSettings(
+CART = LSPISettings(
     n_actions=3, low=(-5.0, -3.0), high=(5.0, 3.0), centers=(5, 5), periodic=(False,),
     shield=True, envelope_low=(-5.0, -np.inf), envelope_high=(5.0, np.inf),
 )  # fmt: skip
@@ -74,7 +75,7 @@ def test_batches_add_up_and_forget_as_moments_do():
 
 def slung(shield):
     task = make_task("slung_load", {}, "test")
-    settings = LearnerSettings(
+    settings = LSPISettings(
         n_actions=4, low=(-6.5, -4.0, -np.pi / 2, -np.pi), high=(3.0, 4.0, np.pi / 2, np.pi),
         centers=(5, 1, 5, 1), periodic=(False,), sampling_time=0.1, epsilon=0.02,
         update_interval=500, refresh_iterations=1, shield=shield,
@@ -128,8 +129,8 @@ def test_compiled_flight_vetoes_what_single_steps_veto():
 
 def test_an_envelope_must_have_limits_that_fit():
     with pytest.raises(InputError, match="envelope_low has 3 entries; allowed: 1 or 2"):
-        LearnerSettings(envelope_low=(0.0, 0.0, 0.0))
+        LSPISettings(envelope_low=(0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="each low < high"):
-        LearnerSettings(envelope_low=(1.0,), envelope_high=(1.0,))
+        LSPISettings(envelope_low=(1.0,), envelope_high=(1.0,))
     with pytest.raises(InputError, match="shield is on without a limit"):
-        LearnerSettings(shield=True)
+        LSPISettings(shield=True)

@@ -38,7 +38,7 @@ def test_many_small_steps_follow_newton(action):
     for _ in range(50_000):
         small.compiled(state, action, 0.0, parameters, following)
         state, following = following, state
-    exact = solve_ivp(pulled, (0, 0.5), start, args=(TASK.actions[action],), rtol=1e-10)
+    exact = solve_ivp(pulled, (0, 0.5), start, args=(TASK.description.actions[action],), rtol=1e-10)
     np.testing.assert_allclose(state, exact.y[:, -1], atol=2e-4)
 
 
@@ -106,7 +106,10 @@ def test_each_ending_and_its_reward(state, action, reward, way):
 
 def test_many_at_once_are_each_alone():
     rng = np.random.default_rng(0)
-    states, actions = rng.uniform(TASK.low, TASK.high, (400, 4)), rng.integers(4, size=400)
+    states, actions = (
+        rng.uniform(TASK.description.low, TASK.description.high, (400, 4)),
+        rng.integers(4, size=400),
+    )
     noise = rng.normal(size=400)
     following, reward, ended = TASK.step(states, actions, 0.0, noise)
     assert (following.shape, reward.shape, ended.dtype) == ((400, 4), (400,), bool)
@@ -147,12 +150,12 @@ def test_states_stay_within_the_limits():
     rng = np.random.default_rng(0)
     state = np.array([TASK.draw_initial(rng) for _ in range(5000)])
     action = rng.integers(3, size=5000)
-    for _ in range(TASK.episode_steps):
+    for _ in range(TASK.description.episode_steps):
         action = np.where(rng.random(len(state)) < 0.2, rng.integers(3, size=len(state)), action)
         following, _, ended = TASK.step(state, action)
         state, action = following[~ended], action[~ended]
-        assert (state >= TASK.low).all()
-        assert (state <= TASK.high).all()
+        assert (state >= TASK.description.low).all()
+        assert (state <= TASK.description.high).all()
 
 
 def test_a_world_starts_anywhere_and_is_cut_after_5_s():
@@ -160,7 +163,7 @@ def test_a_world_starts_anywhere_and_is_cut_after_5_s():
     starts = {float(world.begin(k).state[0]) for k in range(50)}
     assert len(starts) == 50
     world.state = np.array([-4.0, 0.0, 0.0, 0.0])
-    seen = [world.move(49, TASK.neutral) for _ in range(50)]
+    seen = [world.move(49, TASK.description.neutral) for _ in range(50)]
     assert [s.last for s in seen] == [False] * 49 + [True]
     assert seen[-1].truncated
 

@@ -85,7 +85,7 @@ def test_a_policy_is_judged_at_the_time_it_is_in_use():
     """Updates after 5 and 10 s; at 7.5 s the first one's policy flies."""
     found = learn(Learning(samples="set 5", seconds=12.0, looks=8), 0)
     core = OnlineLSPI(LITERAL, np.random.default_rng([0, 1]))
-    core.inform(samples("set 5", HANGING, 0))
+    core.pretrain(samples("set 5", HANGING, 0))
     policies = [core.weights]
     world = World(HANGING, WorldSettings(), np.random.default_rng([0, 0]))
     train(world, core, 8, Listener(on_update=lambda update: policies.append(core.weights)))
@@ -110,7 +110,7 @@ def test_the_compiled_judge_flies_as_the_plain_one(task):
 
 def test_the_compiled_judge_knows_where_an_episode_ends():
     task = SlungLoad()
-    features = RBFGrid(task.low, task.high, (3, 3, 3, 3))
+    features = RBFGrid(task.description.low, task.description.high, (3, 3, 3, 3))
     weights = np.random.default_rng(1).standard_normal((4, features.size))
     plain = evaluate(task, policy_of(weights, features))
     compiled = evaluate_weights(task, weights, features)

@@ -14,6 +14,7 @@ from iolspi_ros.bags.reader import Damage, Record, deserialise, records
 from iolspi_ros.core.samples import Sample, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.pairing import Pairer
+from iolspi_ros.task import TaskDescription
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class Demonstration:
     path : Path
     samples : list of Sample
         Each (episode, step) once, in order.
+    task : TaskDescription
+        That they are of.
     card : dict
         Who flew; empty when nobody said.
     notes : list of str
@@ -33,15 +36,16 @@ class Demonstration:
 
     path: Path
     samples: list[Sample]
+    task: TaskDescription
     card: dict[str, Any]
     notes: list[str]
 
-    def transitions(self, n_dims: int) -> Transitions:
+    def transitions(self) -> Transitions:
         """The samples without their keys."""
-        return Transitions.of([sample.transition for sample in self.samples], n_dims)
+        return Transitions.of([sample.transition for sample in self.samples], self.task.n_dims)
 
 
-def read_demonstration(path: Path, task: str, joints: Sequence[str]) -> Demonstration:
+def read_demonstration(path: Path, task: TaskDescription) -> Demonstration:
     """Read the transitions of a bag.
 
     They are its `sample` messages; a bag without any is searched for `state` and `reward`, and
@@ -50,9 +54,8 @@ def read_demonstration(path: Path, task: str, joints: Sequence[str]) -> Demonstr
     Parameters
     ----------
     path : Path
-    task : str
-    joints : sequence of str
-        The task that it must be of, and that task's joints.
+    task : TaskDescription
+        The task that it must be of. A bag from before the topic `task` says at most its name.
 
     Raises
     ------
@@ -60,24 +63,24 @@ def read_demonstration(path: Path, task: str, joints: Sequence[str]) -> Demonstr
         When the bag is missing, empty, of another task or has no readable transition.
     """
     card = read_card(path) if path.is_dir() else {}
-    if card.get("task", task) != task:
-        raise InputError(f"bag {path} is of task {card['task']!r}; allowed: {task!r}")
+    if card.get("task", task.name) != task.name:
+        raise InputError(f"bag {path} is of task {card['task']!r}; allowed: {task.name!r}")
     damage = Damage()
-    found = _Finder(joints)
+    found = _Finder(task, f"bag {path}")
     for record in records(path, damage):
         found.take(record)
     samples = found.samples()
     if not samples:
         why = "; ".join([*found.complaints, *damage.notes]) or "it holds " + found.topics()
         raise InputError(
-            f"bag {path} has no transition of task {task!r}: {why}; allowed: messages on sample "
-            f"({','.join(wire.sample_names(joints))}), or on state and reward"
+            f"bag {path} has no transition of task {task.name!r}: {why}; allowed: messages on "
+            f"sample ({','.join(wire.sample_names(task.names))}), or on state and reward"
         )
     gaps = _gaps(samples)
     notes = [*damage.notes, *found.complaints]
     if gaps:
         notes.append(f"{gaps} steps inside its episodes are missing")
-    return Demonstration(path, samples, card, notes)
+    return Demonstration(path, samples, task, card, notes)
 
 
 def numbered_through(demonstrations: Sequence[Demonstration]) -> list[Sample]:
@@ -99,9 +102,10 @@ def numbered_through(demonstrations: Sequence[Demonstration]) -> list[Sample]:
 class _Finder:
     """Collects samples, and states and rewards in case there are none."""
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        self._rows = wire.SampleRows(joints)
-        self._pairer = Pairer(joints)
+    def __init__(self, task: TaskDescription, where: str) -> None:
+        self._task, self._where = task, where
+        self._rows = wire.SampleRows(task.names)
+        self._pairer = Pairer(task)
         self._sampled: dict[tuple[int, int], Sample] = {}
         self._paired: dict[tuple[int, int], Sample] = {}
         self._counts: dict[str, int] = {}
@@ -110,6 +114,9 @@ class _Finder:
     def take(self, record: Record) -> None:
         topic = record.topic.rsplit("/", 1)[-1]
         self._counts[record.topic] = self._counts.get(record.topic, 0) + 1
+        if topic == "task" and record.type == "std_msgs/msg/String":
+            described = wire.read_task(deserialise(record), self._where)
+            described.check_same(self._task, self._where, "the vehicle")
         if topic not in ("sample", "state", "reward"):
             return
         try:

@@ -16,8 +16,8 @@ from iolspi_ros.bench.machine import fastest
 from iolspi_ros.bench.rows import Row, at_most
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import RBFGrid
-from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import BlockSystem
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Transitions
@@ -77,13 +77,12 @@ class Grown:
     crashes: float
 
 
-def settings(algorithm: str, grid: tuple[int, ...]) -> LearnerSettings:
+def settings(algorithm: str, grid: tuple[int, ...]) -> LSPISettings:
     """A learner of the slung load (T IV-B, Table 11-1)."""
-    task = TASK
-    return LearnerSettings(
-        algorithm=algorithm, n_actions=len(task.actions),
+    return LSPISettings(
+        algorithm=algorithm,
         low=(-6.0, -4.0, -np.pi / 2, -np.pi), high=(0.0, 4.0, np.pi / 2, np.pi),
-        centers=grid, periodic=(False,), gamma=task.gamma, sampling_time=task.dt,
+        centers=grid, periodic=(False,),
         epsilon=1.0, epsilon_decay=0.995, epsilon_min=0.01, update_interval=1000,
         buffer_size=4000, refresh_iterations=3,
     )  # fmt: skip
@@ -94,7 +93,9 @@ def run(algorithm: str, grid: tuple[int, ...], episodes: int = EPISODES) -> Grow
     task = TASK
 
     def learn(count: int) -> tuple[OnlineLSPI, float]:
-        core = OnlineLSPI(settings(algorithm, grid), np.random.default_rng([0, 1]))
+        core = OnlineLSPI(
+            TASK.description, settings(algorithm, grid), np.random.default_rng([0, 1])
+        )
         world = World(task, WorldSettings(), np.random.default_rng([0, 0]))
         start = time.perf_counter()
         train(world, core, count, Listener())
@@ -107,7 +108,7 @@ def run(algorithm: str, grid: tuple[int, ...], episodes: int = EPISODES) -> Grow
         ends = _ends(task, core)
     crashes = (ends == Outcome.WALL) | (ends == Outcome.CABLE)
     return Grown(
-        algorithm, episodes, len(task.actions) * core.features.size, core.step, seconds,
+        algorithm, episodes, task.description.n_actions * core.features.size, core.step, seconds,
         _peak_memory(),
         float((ends == Outcome.DUNK).mean()), float(crashes.mean()),
     )  # fmt: skip
@@ -123,7 +124,7 @@ def _ends(task: Task, core: OnlineLSPI) -> np.ndarray[tuple[int], np.dtype[np.in
     """How greedy episodes from every initial state end."""
     state = task.initial_states()
     ends = np.full(len(state), int(Outcome.OPEN))
-    for _ in range(task.episode_steps):
+    for _ in range(task.description.episode_steps):
         action = (core.features(state) @ core.weights.T).argmax(axis=1)
         state, reward, terminated = task.step(state, action)
         found = outcome(reward, terminated)
@@ -192,7 +193,7 @@ def _exactness() -> list[Row]:
     rows = Transitions(state, action, reward, following, ended, ~ended)
     weight, policy = rng.uniform(0.1, 1.0, n), rng.integers(4, size=n)
     dense, dual = (
-        kind(rows, basis, 4, chosen.gamma, weight, 1e-3).evaluate(policy).weights
+        kind(rows, basis, 4, TASK.description.gamma, weight, 1e-3).evaluate(policy).weights
         for kind in (BlockSystem, DualSystem)
     )
     difference = float(np.abs(dual - dense).max() / np.abs(dense).max())
@@ -204,24 +205,27 @@ def _exactness() -> list[Row]:
 
 def _trimming() -> list[Row]:
     """What trimming by convex hull (T 9-1-4) keeps, saves and costs, on demonstration set 5."""
-    core = OnlineLSPI(LearnerSettings(periodic=(False,)), np.random.default_rng(0))
-    taught = samples("set 5", HANGING, 0)
-    assert taught is not None
-    core.inform(taught)
+    chosen = LSPISettings(periodic=(False,))
+    core = OnlineLSPI(HANGING.description, chosen, np.random.default_rng(0))
+    demonstrations = samples("set 5", HANGING, 0)
+    assert demonstrations is not None
+    core.pretrain(demonstrations)
     seconds, costs = [], []
     whole = core.features
     assert isinstance(whole, RBFGrid)
-    for basis in (whole, whole.trim(taught.state)):
+    for basis in (whole, whole.trim(demonstrations.state)):
         zeros = np.zeros((3, basis.size))
 
         def learn(basis: RBFGrid = basis, start: Array = zeros) -> Array:
-            found = refresh(core.buffer, 0, basis, core.settings, start, core.starts)
+            found = refresh(
+                core.buffer, 0, basis, core.task, core.settings, start, core.starts
+            )  # fmt: skip
             return found.weights
 
         seconds.append(fastest(learn, 3))
         flown = evaluate(HANGING, policy_of(learn(), basis))
         costs.append(flown.discounted_return / best_flight(HANGING).discounted_return)
-    kept = whole.trim(taught.state).size / whole.size
+    kept = whole.trim(demonstrations.state).size / whole.size
     name = "pendulum, set 5, trimmed by convex hull (T 9-1-4)"
     return [
         Row(f"{name}: functions kept", kept, "share"),

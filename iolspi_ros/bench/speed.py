@@ -14,8 +14,8 @@ from iolspi_ros.bench import mushroom
 from iolspi_ros.bench.machine import fastest
 from iolspi_ros.bench.rows import Row, at_least, at_most
 from iolspi_ros.core.features import RBFGrid
-from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import offline_lspi
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.experiments.headless import Listener, train
@@ -51,10 +51,13 @@ def _offline() -> list[Row]:
     """Offline LSPI on uniform samples against MushroomRL's."""
     name = "offline LSPI, 7,500 samples, 363 functions"
     task, rng, n = TASK, np.random.default_rng(0), 7500
-    state, action = rng.uniform(task.low, task.high, (n, 2)), rng.integers(3, size=n)
-    following, reward, ended = task.step(state, action)
-    samples = Transitions(state, action, reward, following, ended, ended)
-    basis = RBFGrid(task.low, task.high, (11, 11))
+    state, action = (
+        rng.uniform(task.description.low, task.description.high, (n, 2)),
+        rng.integers(3, size=n),
+    )
+    next_state, reward, ended = task.step(state, action)
+    samples = Transitions(state, action, reward, next_state, ended, ended)
+    basis = RBFGrid(task.description.low, task.description.high, (11, 11))
     weights = rng.standard_normal((3, 121))
 
     def ours() -> Array:
@@ -88,8 +91,8 @@ class _Flown:
 
 
 def _run(interval: int, episodes: int, flown: _Flown | None = None) -> OnlineLSPI:
-    settings = LearnerSettings(algorithm="literal", periodic=(False,), update_interval=interval)
-    core = OnlineLSPI(settings, np.random.default_rng([0, 1]))
+    settings = LSPISettings(algorithm="literal", periodic=(False,), update_interval=interval)
+    core = OnlineLSPI(TASK.description, settings, np.random.default_rng([0, 1]))
     listener = Listener()
     if flown is not None:
         flown.weights.append(core.weights)
@@ -105,9 +108,9 @@ def _run(interval: int, episodes: int, flown: _Flown | None = None) -> OnlineLSP
     return core
 
 
-def _algorithm_2(settings: LearnerSettings, interval: int, episodes: int) -> Array:
+def _algorithm_2(settings: LSPISettings, interval: int, episodes: int) -> Array:
     """T Algorithm 2 written out: one sample at a time, dense φ(s, a), plain numpy."""
-    s, task = settings, TASK
+    s, task = settings.resolve(TASK.description), TASK
     mesh = np.meshgrid(*(np.linspace(*limits, 11) for limits in zip(s.low, s.high, strict=True)),
                        indexing="ij")  # fmt: skip
     centers = np.stack([axis.ravel() for axis in mesh], axis=1)
@@ -122,14 +125,14 @@ def _algorithm_2(settings: LearnerSettings, interval: int, episodes: int) -> Arr
     starts, count = task.initial_states(), 0
     for _ in range(episodes):
         state = starts[vehicle.integers(len(starts))]
-        for _ in range(task.episode_steps):
+        for _ in range(task.description.episode_steps):
             phi = features(state)
             if rng.random() < s.epsilon:
                 action = int(rng.integers(3))
             else:
                 action = int(np.argmax(weights.reshape(3, -1) @ phi))
-            following, reward, _ = task.step(state, action)
-            after = features(following)
+            next_state, reward, _ = task.step(state, action)
+            after = features(next_state)
             chosen = int(np.argmax(weights.reshape(3, -1) @ after))
             here, there = np.zeros(363), np.zeros(363)
             here[action * 121 : (action + 1) * 121] = phi
@@ -139,9 +142,10 @@ def _algorithm_2(settings: LearnerSettings, interval: int, episodes: int) -> Arr
             vector += here * reward
             count += 1
             if count % interval == 0:
-                weights[:] = np.linalg.solve((gram - s.gamma * cross) / count, vector / count)
+                matrix = (gram - task.description.gamma * cross) / count
+                weights[:] = np.linalg.solve(matrix, vector / count)
                 rng.integers(2**63)  # ours draws a generator for ties there
-            state = following
+            state = next_state
     return weights.reshape(3, -1)
 
 
@@ -207,7 +211,7 @@ def _often() -> list[Row]:
 
 
 def _realisation(seed: int) -> float:
-    core = OnlineLSPI(LITERAL, np.random.default_rng([seed, 1]))
+    core = OnlineLSPI(TASK.description, LITERAL, np.random.default_rng([seed, 1]))
     train(World(TASK, WorldSettings(), np.random.default_rng([seed, 0])), core, 100, Listener())
     return float(np.linalg.norm(core.weights))
 
@@ -233,7 +237,7 @@ def _parallel() -> list[Row]:
 
 def _step() -> list[Row]:
     """One step of `act` and of `observe`, as a node calls them."""
-    core = OnlineLSPI(LearnerSettings(epsilon=0.0), np.random.default_rng(0))
+    core = OnlineLSPI(TASK.description, LSPISettings(epsilon=0.0), np.random.default_rng(0))
     rng = np.random.default_rng(1)
     states = rng.uniform(core.settings.low, core.settings.high, (2000, 2))
     acting, observing = np.empty(2000), np.empty(2000)

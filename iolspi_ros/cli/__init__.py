@@ -9,6 +9,7 @@ import typer
 
 from iolspi_ros import __version__
 from iolspi_ros.errors import InputError
+from iolspi_ros.process import prepare
 
 app = typer.Typer(
     name="iolspi",
@@ -37,6 +38,7 @@ def _options(
 
 def main() -> int:
     """Run the command; bad input is said in one line, with status 2."""
+    prepare()
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
         demo,

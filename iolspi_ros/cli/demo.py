@@ -10,9 +10,9 @@ from typing import Annotated, Any, Optional
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import console, yardstick
-from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
-from iolspi_ros.cli.watch import Watch, fresh
+from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.following import Follower, fresh
+from iolspi_ros.cli.progress import baseline, console
 from iolspi_ros.errors import InputError, check_choice
 
 
@@ -56,7 +56,7 @@ def demo(
     start = time.monotonic()
     with (
         BagWriter(out / "bag") as recording,
-        watching(vehicle, recording) as monitor,
+        watching(vehicle.description, recording) as monitor,
         graph.Graph(out) as nodes,
     ):
         keep = str(out.resolve() / "checkpoint.npz")
@@ -80,23 +80,23 @@ def _watch(
 
     from iolspi_ros.bags import read_card
 
-    watch = Watch(nodes, monitor)
-    watch.wait(monitor.connected, 60.0, "the start of simulator and learner")
+    follower = Follower(nodes, monitor)
+    follower.wait(monitor.connected, 60.0, "the start of simulator and learner")
     monitor.listen_to_samples()
     shown = len(vehicle.initial_states())  # one from each start, without learning
     samples = int(read_card(bag).get("samples", 1))
-    watch.follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
-    watch.follow("learning offline", 1, lambda: monitor.updates, 120.0)
+    follower.follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
+    follower.follow("learning offline", 1, lambda: monitor.updates, 120.0)
     begin = time.monotonic()
     online = 60.0 + episodes
-    watch.follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
+    follower.follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
     took = time.monotonic() - begin
     steps = sum(len(episode.states) for episode in monitor.episodes)
     monitor.switch("/learner/learn", on=False)
     monitor.trigger("/learner/save")
     monitor.set_parameters("simulator", order="sweep", episodes=shown)
     monitor.trigger("/simulator/reset")
-    watch.follow("showing [episodes]", shown, lambda: len(monitor.scores) - episodes, 60.0)
+    follower.follow("showing [episodes]", shown, lambda: len(monitor.scores) - episodes, 60.0)
     monitor.wait_for_ends(episodes + shown, 7.0)
     return monitor.history(episodes), {
         "lockstep_seconds": round(took, 2),
@@ -117,17 +117,17 @@ def _report(
     demonstration: int,
 ) -> None:
     """Compute what needs no graph, and write the pages."""
-    from iolspi_ros.experiments.evaluate import succeeded
-    from iolspi_ros.experiments.headless import literal_beside, prepare
+    from iolspi_ros.experiments.headless import prepare, train_beside
     from iolspi_ros.report import run as report
 
-    features = prepare(vehicle.name, config, 0)[1].features
-    shown = report.whole(history.shown)
-    if not shown:
+    name = vehicle.description.name
+    if not report.whole(history.shown):
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
+    learner = prepare(name, config, extra["seed"]).learner
+    subject = report.Subject(vehicle, learner, history, None)
     extra |= {
         "demonstration_set": demonstration,
-        "shown_success_fraction": float(succeeded(vehicle, shown).mean()),
+        "shown_success_fraction": report.share_shown(subject),
         "wall_seconds": round(time.monotonic() - start, 1),
     }
     lead = (
@@ -135,20 +135,20 @@ def _report(
         "from it, and online LSPI went on from there. The set was flown by a scripted pilot, "
         "not by a person."
     )
-    title = f"Learning the {vehicle.name.replace('_', ' ')} from demonstrations"
-    best = yardstick(vehicle)
-    with console.status("flying the literal algorithm beside, drawing …"):
-        beside = literal_beside(
-            vehicle.name, config, extra["seed"], history.taught, len(history.scores)
+    title = f"Learning the {name.replace('_', ' ')} from demonstrations"
+    subject = subject._replace(baseline=baseline(vehicle))
+    with console.status("flying another learner beside, drawing …"):
+        beside = train_beside(
+            name, config, extra["seed"], history.demonstrations, len(history.scores)
         )
-        summary = report.finish(out, title, lead, vehicle, features, history, best, extra, beside)
+        summary = report.finish(out, title, lead, subject, extra, beside)
     number, of_what = report.how_good(summary)
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
         f"[bold]{number}[/bold] {of_what};\n"
-        f"{summary['shown_success_fraction']:.0%} of the {len(shown)} episodes shown on the graph "
-        f"{vehicle.success}; after the demonstrations alone it was "
-        f"{summary['success_fraction_offline']:.0%} of the starts. "
+        f"{summary['shown_success_fraction']:.0%} of the {len(report.whole(history.shown))} "
+        f"episodes shown on the graph {vehicle.description.success}; after the demonstrations "
+        f"alone it was {summary['success_fraction_offline']:.0%} of the starts. "
         f"That took {summary['wall_seconds']:.0f} s.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )

@@ -10,22 +10,25 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import bar, console, yardstick
-from iolspi_ros.cli.span import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.progress import bar, baseline, console
 from iolspi_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from iolspi_ros.core.online import OnlineLSPI
+    from iolspi_ros.core.learner import Learner
     from iolspi_ros.core.samples import Transitions
     from iolspi_ros.experiments.history import History
-    from sim_nodes.tasks.base import Task
+    from iolspi_ros.task import TaskDescription
 
 
 @app.command(
     epilog="Example: iolspi learn --task pendulum --demos demos/pendulum/set_5 --out out/learn"
 )
 def learn(
-    task: Annotated[str, typer.Option(help="pendulum, slung_load or cart_pole.")] = "pendulum",
+    task: Annotated[str, typer.Option(help="A registered task, or module:Class.")] = "pendulum",
+    learner: Annotated[
+        str, typer.Option(help="A registered learner, or module:Class; else what the file says.")
+    ] = "",
     demos: Annotated[
         Optional[list[Path]],
         typer.Option(help="Bag to learn from first; give it again for more bags."),
@@ -34,7 +37,8 @@ def learn(
     episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the vehicle and the learner.")] = 0,
     config: Annotated[
-        Optional[Path], typer.Option(help="Parameter file; config/TASK.yaml by default.")
+        Optional[Path],
+        typer.Option(help="Parameter file; else config/TASK.yaml, if there is one."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the policy and the report.")] = Path(
         "out/learn"
@@ -43,49 +47,46 @@ def learn(
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
     from iolspi_ros import resources
     from iolspi_ros.core import checkpoint
-    from iolspi_ros.experiments.headless import literal_beside, prepare, remember, train
+    from iolspi_ros.experiments.headless import prepare, remember, train, train_beside
     from iolspi_ros.experiments.history import History
     from iolspi_ros.report import run as report
-    from sim_nodes.tasks import task_class
 
-    task_class(task)
     start = time.monotonic()
-    file = config or resources.find("config", f"{task}.yaml")
-    world, learner = prepare(task, file, seed)
-    vehicle = world.task
+    file = config or resources.config(task)
+    world, core, name = prepare(task, file, seed, learner)
+    vehicle, about = world.task, world.task.description
     count = episodes_to_fly(vehicle, seconds, episodes, 0)
     if not demos:
-        _check_enough(count, learner, vehicle)
+        _check_enough(count, core, about)
     resources.make_folder(out)
-    history = History(vehicle.dt, _taught(vehicle, demos or []))
+    history = History(about.sampling_time, _demonstrated(about, demos or []))
     if demos:
-        _inform(learner, history)
+        _pretrain(core, history)
     try:
         with bar("learning online [episodes]", count) as show:
-            train(world, learner, count, remember(history, learner, show))
+            train(world, core, count, remember(history, core, show))
     except KeyboardInterrupt:
         console.print("interrupted; what was learned so far is kept")
-    checkpoint.save(out / "checkpoint.npz", learner, task)
+    checkpoint.save(out / "checkpoint.npz", core, name)
     if not history.policies:
         raise KeyboardInterrupt  # before the first update: there is nothing to report
-    extra = {"wall_seconds": round(time.monotonic() - start, 2)}
+    extra = {"learner": name, "wall_seconds": round(time.monotonic() - start, 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
-    best = yardstick(vehicle)
-    with console.status("flying the literal algorithm beside, drawing …"):
-        beside = literal_beside(task, file, seed, history.taught, len(history.scores))
-        summary = report.finish(
-            out, f"Learning the {task.replace('_', ' ')}", lead, vehicle, learner.features, history,
-            best, extra, beside,
-        )  # fmt: skip
+    subject = report.Subject(vehicle, core, history, baseline(vehicle))
+    with console.status("flying another learner beside, drawing …"):
+        beside = train_beside(task, file, seed, history.demonstrations, len(history.scores))
+        title = f"Learning the {about.name.replace('_', ' ')}"
+        summary = report.finish(out, title, lead, subject, extra, beside)
     console.print(
         f"{' '.join(report.how_good(summary))}, "
-        f"{summary['success_fraction']:.0%} of the starts {vehicle.success}. "
+        f"{summary['success_fraction']:.0%} of the starts {about.success}. "
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )
 
 
-def _check_enough(count: int, learner: OnlineLSPI, vehicle: Task) -> None:
-    least = math.ceil(learner.settings.update_interval / vehicle.episode_steps)
+def _check_enough(count: int, learner: Learner, task: TaskDescription) -> None:
+    interval = getattr(learner.settings, "update_interval", 1)
+    least = math.ceil(interval / task.episode_steps)
     if count < least:
         raise InputError(
             f"{count} episodes are less than one update and there are no --demos: nothing would "
@@ -93,31 +94,31 @@ def _check_enough(count: int, learner: OnlineLSPI, vehicle: Task) -> None:
         )
 
 
-def _taught(vehicle: Task, demos: list[Path]) -> Transitions:
+def _demonstrated(task: TaskDescription, demos: list[Path]) -> Transitions:
     """What all bags hold together."""
     from iolspi_ros.bags import numbered_through, read_demonstration
     from iolspi_ros.core.samples import Transitions
 
-    found = [read_demonstration(path, vehicle.name, vehicle.joints) for path in demos]
+    found = [read_demonstration(path, task) for path in demos]
     for demonstration in found:
         for note in demonstration.notes:
             console.print(f"{demonstration.path}: {note}; the rest is used")
     samples = numbered_through(found)
-    return Transitions.of([s.transition for s in samples], len(vehicle.low))
+    return Transitions.of([s.transition for s in samples], task.n_dims)
 
 
-def _inform(learner: OnlineLSPI, history: History) -> None:
+def _pretrain(learner: Learner, history: History) -> None:
     """Learn from what was demonstrated."""
-    from iolspi_ros.experiments.history import Policy
+    from iolspi_ros.experiments.history import PolicyRecord
 
-    with bar("learning offline", learner.settings.max_iterations) as show:
+    with bar("learning offline [%]", 100) as show:
 
-        def proceed(iteration: int, change: float) -> bool:
-            show(iteration)
+        def proceed(share: float) -> bool:
+            show(int(100 * share))
             return True
 
-        result = learner.inform(history.taught, proceed)
-        show(learner.settings.max_iterations)
-    console.print(result.describe())
-    history.offline = result.describe()
-    history.policies.append(Policy.of(result, 0.0, learner.weights))
+        result = learner.pretrain(history.demonstrations, proceed)
+        show(100)
+    console.print(result.text)
+    history.offline = result.text
+    history.policies.append(PolicyRecord.of(result, 0.0, learner.weights))

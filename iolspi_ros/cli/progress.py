@@ -49,10 +49,12 @@ def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress.update(task, completed=min(done, total))
 
 
-def yardstick(task: Task) -> NearOptimal:
-    """The near-optimal policy; the first time it takes a while, so that shows."""
-    from iolspi_ros.experiments.evaluate import near_optimal_policy
+def baseline(task: Task) -> NearOptimal | None:
+    """The near-optimal policy, if the task has one; the first time it takes a while, and shows."""
+    from iolspi_ros.experiments.evaluate import has_reference, near_optimal_policy
 
+    if not has_reference(task):
+        return None
     with bar("near-optimal policy [%]", 100) as show:
         policy = near_optimal_policy(task, progress=lambda share: show(int(100 * share)))
         show(100)

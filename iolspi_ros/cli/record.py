@@ -45,7 +45,7 @@ def record(
         "record": str(out.resolve()), "episodes": len(vehicle.initial_states()),
     }  # fmt: skip
     try:
-        with watching(vehicle) as monitor, graph.Graph(logs) as nodes:
+        with watching(vehicle.description) as monitor, graph.Graph(logs) as nodes:
             nodes.start("simulator", {"seed": seed, "order": "sweep"}, config)
             nodes.start("demonstrator", wanted, config)
             _wait(nodes, monitor, vehicle, out)
@@ -69,5 +69,5 @@ def _wait(nodes: Any, monitor: Any, vehicle: Any, out: Path) -> None:
             show(sum(episode.whole for episode in monitor.episodes))
             return (out / CARD).is_file()
 
-        patience = 60.0 + total * vehicle.episode_steps / 100
+        patience = 60.0 + total * vehicle.description.episode_steps / 100
         monitor.wait(ready, patience, "the demonstration")

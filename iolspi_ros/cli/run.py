@@ -20,7 +20,10 @@ def run(
     context: typer.Context,
     node: Annotated[str, typer.Argument(help=f"One of: {', '.join(NODES)}.")],
     task: Annotated[
-        Optional[str], typer.Option(help="Take parameters from this task's file in config/.")
+        Optional[str],
+        typer.Option(
+            help="A registered task, or module:Class; with parameters of config/TASK.yaml."
+        ),
     ] = None,
 ) -> None:
     """Start one node; what follows goes to it.
@@ -41,6 +44,10 @@ def run(
     first: list[str] = []
     if task is not None:
         task_class(task)  # says which there are
-        first = ["--ros-args", "--params-file", str(resources.find("config", f"{task}.yaml"))]
+        first = ["--ros-args"]
+        if file := resources.config(task):
+            first += ["--params-file", str(file)]
+        if node == "simulator":
+            first += ["-p", f"task:={task}"]
     sys.argv = [node, *first, *context.args]
     raise SystemExit(start(node))

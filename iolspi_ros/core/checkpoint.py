@@ -4,34 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import typing
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from iolspi_ros.core.moments import Moments
-from iolspi_ros.core.online import OnlineLSPI
-from iolspi_ros.core.samples import Transitions
+from iolspi_ros import task as tasks
+from iolspi_ros.core.learner import Learner
 from iolspi_ros.errors import InputError
 
-FORMAT = 3
-_MOMENTS = tuple(field.name for field in fields(Moments))
-_ROWS = tuple(field.name for field in fields(Transitions))
-_SHIELD = ("gram", "cross", "seen", "ended")
-_ARRAYS = (
-    "weights", "starts", "born", "demonstrated", *(f"moments_{name}" for name in _MOMENTS),
-    *(f"shield_{name}" for name in _SHIELD),
-    *(f"{part}_{name}" for part in ("batch", "buffer") for name in _ROWS),
-)  # fmt: skip
-_NUMBERS = ("step", "n_samples", "updates", "dropped", "vetoes", "rng")
-_SHAPING = (
-    "algorithm", "n_actions", "basis", "low", "high", "centers", "periodic", "normalisation",
-    "width",
-)  # fmt: skip
+FORMAT = 4
 
 
 @contextmanager
@@ -49,31 +36,28 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
         partial.unlink(missing_ok=True)
 
 
-def save(path: Path, learner: OnlineLSPI, task: str) -> None:
-    """Write Γ, Λ, z or the samples kept, weights, counters and the random state.
+def save(path: Path, learner: Learner, name: str) -> None:
+    """Write a learner's state, its task and its settings.
+
+    Parameters
+    ----------
+    path : Path
+    learner : Learner
+    name : str
+        Under which it is registered.
 
     Raises
     ------
     InputError
         When the file cannot be written.
     """
-    state = learner.state()
-    buffer = state["buffer"]
-    arrays = {
-        "weights": state["weights"],
-        "starts": state["starts"],
-        "born": buffer.born,
-        "demonstrated": buffer.demonstrated,
-    }
-    arrays |= {f"moments_{name}": getattr(state["moments"], name) for name in _MOMENTS}
-    arrays |= {f"shield_{name}": getattr(state["shield"], name) for name in _SHIELD}
-    for part, rows in (("batch", state["batch"]), ("buffer", buffer.transitions)):
-        arrays |= {f"{part}_{name}": getattr(rows, name) for name in _ROWS}
+    arrays: dict[str, Any] = {}
     about = {
         "format": FORMAT,
-        "task": task,
+        "learner": name,
+        "task": tasks.dump(learner.task),
         "settings": asdict(learner.settings),
-        **{name: state[name] for name in _NUMBERS},
+        "state": _split(learner.state(), "", arrays),
     }
     try:
         with atomic_file(path) as file:
@@ -93,46 +77,74 @@ def set_aside(path: Path) -> Path:
     return path.rename(other)
 
 
-def load(path: Path, learner: OnlineLSPI, task: str) -> None:
-    """Make `learner` go on from a checkpoint.
+def load(path: Path, learner: Learner, name: str) -> None:
+    """Make `learner`, registered under `name`, go on from a checkpoint.
 
-    The settings of the learner stay; those that shape the weights must be the checkpoint's.
+    The settings of the learner stay; those that shape its state must be the checkpoint's.
 
     Raises
     ------
     InputError
-        When the file is missing, damaged, of another task or of another grid.
+        When the file is missing, damaged, of another task, learner or shape.
     """
     about, arrays = _read(path)
-    if about["task"] != task:
-        raise InputError(
-            f"checkpoint {path} is of task {about['task']!r}; allowed: {task!r}, this learner's"
-        )
+    here = f"checkpoint {path}"
+    if about["learner"] != name:
+        raise InputError(f"{here} is of learner {about['learner']!r}; allowed: {name!r}, this one")
+    tasks.load(about["task"], here).check_same(learner.task, here, "the vehicle")
     mine = json.loads(json.dumps(asdict(learner.settings)))
-    for name in _SHAPING:
-        if about["settings"].get(name) != mine[name]:
+    for setting in learner.shaping:
+        if about["settings"].get(setting) != mine[setting]:
             raise InputError(
-                f"checkpoint {path} has {name} {about['settings'].get(name)}; "
-                f"allowed: {mine[name]}, this learner's"
+                f"{here} has {setting} {about['settings'].get(setting)}; "
+                f"allowed: {mine[setting]}, this learner's"
             )
-    batch, rows = (
-        Transitions(*(arrays[f"{part}_{name}"] for name in _ROWS)) for part in ("batch", "buffer")
-    )
-    moments = {name: arrays[f"moments_{name}"] for name in _MOMENTS}
-    for name in ("n_samples", "weight", "prior"):
-        moments[name] = moments[name].item()
-    buffer = replace(
-        learner.buffer,
-        transitions=rows,
-        born=arrays["born"],
-        demonstrated=arrays["demonstrated"],
-    )
-    shield = replace(learner.shield, **{name: arrays[f"shield_{name}"] for name in _SHIELD})
-    learner.restore(
-        {name: arrays[name] for name in ("weights", "starts")}
-        | {name: about[name] for name in _NUMBERS}
-        | {"moments": Moments(**moments), "buffer": buffer, "shield": shield, "batch": batch}
-    )
+    try:
+        learner.restore(_join(learner.State, about["state"], "", arrays))
+    except InputError as error:
+        raise InputError(f"{here}: {error}") from None
+
+
+def _split(part: Any, path: str, arrays: dict[str, Any]) -> dict[str, Any]:
+    """Put the arrays of a dataclass into `arrays`, by their paths, and return the rest of it."""
+    rest: dict[str, Any] = {}
+    for field in fields(part):
+        value, place = getattr(part, field.name), f"{path}{field.name}"
+        if isinstance(value, np.ndarray):
+            arrays[place] = value
+        elif is_dataclass(value):
+            rest[field.name] = _split(value, f"{place}.", arrays)
+        else:
+            rest[field.name] = value
+    return rest
+
+
+def _join(cls: type[Any], rest: dict[str, Any], path: str, arrays: dict[str, Any]) -> Any:
+    """The dataclass that `_split` took apart, its types checked."""
+    hints, values = typing.get_type_hints(cls), {}
+    for field in fields(cls):
+        hint, place = hints[field.name], f"{path}{field.name}"
+        origin = typing.get_origin(hint) or hint
+        try:
+            if origin is np.ndarray:
+                value = arrays[place]
+                wanted = np.dtype(typing.get_args(typing.get_args(hint)[1])[0])
+                if value.dtype != wanted:
+                    raise InputError(f"{place} is of type {value.dtype}; allowed: {wanted}")
+            elif is_dataclass(hint):
+                value = _join(typing.cast("type[Any]", hint), rest[field.name], f"{place}.", arrays)
+            else:
+                value = rest[field.name]
+                if origin is tuple and isinstance(value, list):
+                    value = tuple(value)
+                if type(value) is int and origin is float:
+                    value = float(value)
+                if type(value) is not origin:
+                    raise InputError(f"{place} is {value!r:.60}; allowed: {origin.__name__}")
+        except (KeyError, TypeError):
+            raise InputError(f"{place} is missing; allowed: a whole checkpoint") from None
+        values[field.name] = value
+    return cls(**values)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -140,14 +152,15 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         about = json.loads(str(arrays.pop("about")))
-        complete = set(_ARRAYS) <= set(arrays) and set(_NUMBERS) <= set(about)
+        known = about["format"] == FORMAT and isinstance(about["task"], str)
+        known = known and all(isinstance(about[part], dict) for part in ("settings", "state"))
     except FileNotFoundError:
         raise InputError(
             f"checkpoint {path} does not exist; allowed: a file that a learner saved"
         ) from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        complete = False
-    if not complete or about.get("format") != FORMAT:
+    except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile):
+        known = False
+    if not known or "learner" not in about:
         raise InputError(
             f"checkpoint {path} is damaged or of another format; "
             f"allowed: a file that a learner saved (format {FORMAT})"

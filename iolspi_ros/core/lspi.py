@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.learner import Proceed, always
 from iolspi_ros.core.moments import Moments, add_cross, add_gram
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.solve import Solve, solve
@@ -223,18 +223,13 @@ class Iteration:
         return f"{text}; solve {self.solve.status}, condition {self.solve.condition:.1e}"
 
 
-def always(iteration: int, change: float) -> bool:
-    """Go on."""
-    return True
-
-
 def policy_iteration(
     system: System,
     weights: Array,
     *,
     chi: float,
     max_iterations: int,
-    proceed: Callable[[int, float], bool] = always,
+    proceed: Proceed = always,
 ) -> Iteration:
     """Solve for a policy, become greedy, and so on (T Algorithm 1, lines 5 to 12).
 
@@ -248,7 +243,7 @@ def policy_iteration(
     max_iterations : int
         l_max.
     proceed : callable
-        Called after each iteration with its number and ‖Δw‖; a false answer ends the loop.
+        Told after each iteration what share of l_max is done; a false answer ends the loop.
 
     Returns
     -------
@@ -270,7 +265,7 @@ def policy_iteration(
             stop = "converged"
         elif key in seen and seen[key] < iteration - 1:
             stop, period = "oscillating", iteration - seen[key]
-        elif not proceed(iteration, changes[-1]):
+        elif not proceed(iteration / max_iterations):
             stop = "interrupted"
         if stop != "cap":
             break
@@ -290,7 +285,7 @@ def offline_lspi(
     weights: Array,
     scaling: str = "samples",
     among: NDArray[np.bool_] | None = None,
-    proceed: Callable[[int, float], bool] = always,
+    proceed: Proceed = always,
 ) -> tuple[Iteration, Moments]:
     """Iterate policies on one fixed set of samples (T Algorithm 1).
 

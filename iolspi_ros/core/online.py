@@ -3,88 +3,157 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from enum import IntEnum
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
-from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import Iteration, always, greedy, offline_lspi
+from iolspi_ros.core.features import Table, weigh
+from iolspi_ros.core.learner import Kernel, Proceed, Source, Update, always
+from iolspi_ros.core.lspi import Iteration, greedy, offline_lspi
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.moments import Moments, accumulate
 from iolspi_ros.core.refresh import Judgement, refresh
 from iolspi_ros.core.samples import Batch, Transition, Transitions
-from iolspi_ros.core.shield import Shield, allowed, safest
-from iolspi_ros.core.solve import Solve, solve
+from iolspi_ros.core.shield import Guard, Shield, allowed, safest
+from iolspi_ros.core.solve import STATUSES, Solve, solve
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import TaskDescription
 
 Array = NDArray[np.float64]
 
 STARTS_KEPT = 32
 """Latest states in which episodes began, from which policies are judged."""
+_EXPLOIT, _EXPLORE, _SHIELD = int(Source.EXPLOIT), int(Source.EXPLORE), int(Source.SHIELD)
 
 
-class Source(IntEnum):
-    """Who chose an action."""
-
-    EXPLOIT = 0
-    EXPLORE = 1
-    HUMAN = 2
-    CORRUPTED = 3
-    SCRIPTED = 4
-    HOLD = 5
-    SHIELD = 6
-
-
-@dataclass(frozen=True)
-class Update:
-    """One policy update.
+class Choice(NamedTuple):
+    """What it takes to choose an action, for compiled code.
 
     Attributes
     ----------
-    number : int
-        l, counting from 1; 0 for what was learned from demonstrations.
-    step : int
-        k, online steps so far.
+    table : Table
+    weights : ndarray of shape (n_actions, size)
+    guard : Guard
+    exploring : tuple of float
+        Where epsilon starts, its factor per second, T_s [s], and what it never decays below.
+    factors, phi, q : ndarray
+        Room to work in.
+    """
+
+    table: Table
+    weights: Array
+    guard: Guard
+    exploring: tuple[float, float, float, float]
+    factors: Array
+    phi: Array
+    q: Array
+
+
+@njit(cache=True)
+def epsilon_at(exploring: tuple[float, float, float, float], step: int) -> float:
+    """Exploration rate at an online step (T Eq. 14)."""
+    start, decay, sampling_time, floor = exploring
+    return max(start * decay ** (step * sampling_time), floor)
+
+
+@njit(cache=True)
+def choose(memory: Choice, rng: np.random.Generator, step: int, state: Array) -> tuple[int, int]:
+    """Action and its source (T Algorithm 2, line 5)."""
+    if rng.random() < epsilon_at(memory.exploring, step):
+        return guarded(memory, state, int(rng.integers(0, len(memory.weights))), _EXPLORE)
+    return choose_greedily(memory, rng, step, state)
+
+
+@njit(cache=True)
+def choose_greedily(
+    memory: Choice, rng: np.random.Generator, step: int, state: Array
+) -> tuple[int, int]:
+    """The same without exploring: the action of the largest value, one of several at random."""
+    q = memory.q
+    weigh(memory.table, memory.weights, state, memory.factors, memory.phi, q)
+    action, count = 0, 0
+    for a in range(len(q)):
+        if q[a] > q[action]:
+            action = a
+    for a in range(len(q)):
+        count += q[a] == q[action]
+    if count != 1:  # none of them equals another when they are no numbers: any may be meant
+        left = int(rng.integers(0, count if count else len(q)))
+        for a in range(len(q)):
+            if not count or q[a] == q[action]:
+                if left == 0:
+                    action = a
+                    break
+                left -= 1
+    return guarded(memory, state, action, _EXPLOIT)
+
+
+@njit(cache=True)
+def guarded(memory: Choice, state: Array, action: int, source: int) -> tuple[int, int]:
+    """The action, or another where the shield vetoes it."""
+    guard = memory.guard
+    if guard.active and not allowed(guard, state, action):
+        weigh(memory.table, memory.weights, state, memory.factors, memory.phi, memory.q)
+        return safest(guard, state, memory.q), _SHIELD
+    return action, source
+
+
+@dataclass(frozen=True)
+class LSPIUpdate(Update):
+    """One policy update, with what it came from.
+
+    Attributes
+    ----------
     solve : Solve
         Its weights are those that the update found.
-    accepted : bool
-        Whether they are now in use.
-    change : float
-        ‖w_l - w_{l+1}‖ that the solve asked for.
     judgement : Judgement, optional
         Why, when policies were compared.
     iteration : Iteration, optional
         The policy iteration that the weights come from, when there was one.
     """
 
-    number: int
-    step: int
     solve: Solve
-    accepted: bool
-    change: float
-    judgement: Judgement | None = None
-    iteration: Iteration | None = None
+    judgement: Judgement | None
+    iteration: Iteration | None
 
-    def describe(self) -> str:
-        """One line for a person."""
-        parts = [f"update {self.number}" if self.number else "offline LSPI"]
-        if self.iteration:
-            parts[0] += f": {self.iteration.describe()}"
-        if self.judgement:
-            parts.append(self.judgement.describe())
-        if not (self.iteration or self.judgement):
-            kept = "" if self.accepted else ", the weights before stay"
-            parts.append(f"solve {self.solve.status}{kept}")
-        return "; ".join(parts)
+
+def _described(number: int, accepted: bool, found: Computed) -> str:
+    """One line for a person."""
+    parts = [f"update {number}" if number else "offline LSPI"]
+    if found.iteration:
+        parts[0] += f": {found.iteration.describe()}"
+    if found.judgement:
+        parts.append(found.judgement.describe())
+    if not (found.iteration or found.judgement):
+        kept = "" if accepted else ", the weights before stay"
+        parts.append(f"solve {found.solve.status}{kept}")
+    return "; ".join(parts)
+
+
+def _facts(found: Computed) -> dict[str, float]:
+    """Numbers of an update, for reports."""
+    solve, judged = found.solve, found.judgement
+    return {
+        "condition": solve.condition,
+        "rank": solve.rank,
+        "residual": solve.residual,
+        "status": STATUSES.index(solve.status),
+        "policies": judged.policies if judged else 0,
+        "predicted": judged.predicted if judged else math.nan,
+        "predicted_before": judged.before if judged else math.nan,
+        "delta": judged.delta if judged else 0.0,
+        "refused": judged.refused if judged else 0,
+    }
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Computed:
     """What an update's computation gives, to be taken by `finish_update`."""
 
     weights: Array
@@ -94,6 +163,41 @@ class Outcome:
     shield: Shield
     judgement: Judgement | None = None
     iteration: Iteration | None = None
+
+
+@dataclass(frozen=True)
+class LSPIState:
+    """Everything that goes on bit by bit the same.
+
+    Attributes
+    ----------
+    weights : ndarray of shape (n_actions, size)
+    moments : Moments
+    buffer : Buffer
+    shield : Shield
+    starts : ndarray of shape (n_starts, n_dims)
+    batch : Transitions
+        Observed since the last update.
+    step, n_samples, updates, dropped, vetoes : int
+    rng : dict
+        State of the random generator.
+    """
+
+    weights: Array
+    moments: Moments
+    buffer: Buffer
+    shield: Shield
+    starts: Array
+    batch: Transitions
+    step: int
+    n_samples: int
+    updates: int
+    dropped: int
+    vetoes: int
+    rng: dict[str, Any]
+
+
+_COUNTERS = ("step", "n_samples", "updates", "dropped", "vetoes")
 
 
 class OnlineLSPI:
@@ -108,37 +212,77 @@ class OnlineLSPI:
 
     Parameters
     ----------
-    settings : LearnerSettings
+    task : TaskDescription
+    settings : LSPISettings
     rng : numpy.random.Generator
         Draws w₀, exploration and ties.
     """
 
-    def __init__(self, settings: LearnerSettings, rng: np.random.Generator) -> None:
+    Settings: ClassVar[type[Any]] = LSPISettings
+    State: ClassVar[type[Any]] = LSPIState
+    changeable: ClassVar[tuple[str, ...]] = (
+        "epsilon", "epsilon_decay", "epsilon_min", "update_interval", "forget_factor", "delta",
+        "chi", "max_iterations", "scaling", "refresh_iterations", "refresh_budget",
+    )  # fmt: skip
+    shaping: ClassVar[tuple[str, ...]] = (
+        "algorithm", "basis", "low", "high", "centers", "periodic", "normalisation", "width",
+        "constant",
+    )  # fmt: skip
+
+    def __init__(
+        self, task: TaskDescription, settings: LSPISettings, rng: np.random.Generator
+    ) -> None:
+        self.task, self.rng = task, rng
         self.settings = settings
-        self.rng = rng
-        self.features = settings.features()
-        shape = (settings.n_actions, self.features.size)
+        self.features = self.settings.features()
+        shape = (task.n_actions, self.features.size)
         self.weights: Array = rng.standard_normal(shape)
         self.literal = settings.algorithm == "literal"
         # The refreshed learner has no use for matrices of the functions' number squared.
         self.moments = Moments.empty(*(shape if self.literal else (1, 0)), settings.delta)
-        self.buffer = settings.buffer()
-        self.shield = settings.guarded()
-        self.starts = np.empty((0, self.features.n_dims))
+        self.buffer = self.settings.buffer()
+        self.shield = self.settings.guarded(task.n_actions)
+        self.starts = np.empty((0, task.n_dims))
         self.step = 0
         self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
         self.dropped = 0
         self.vetoes = 0
-        self.batch = Batch(settings.update_interval, self.features.n_dims)
-        self._q = np.empty(settings.n_actions)
+        self.batch = Batch(settings.update_interval, task.n_dims)
+        self._room = (
+            np.empty(int(self.features.table.counts.sum())), np.empty(self.features.size),
+            np.empty(task.n_actions),
+        )  # fmt: skip
+
+    @property
+    def settings(self) -> LSPISettings:
+        """What it takes now; where nothing was given, what the task says."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings: LSPISettings) -> None:
+        self._settings = settings.resolve(self.task)
+
+    @property
+    def _exploring(self) -> tuple[float, float, float, float]:
+        s = self._settings
+        floor = min(s.epsilon_min, s.epsilon)
+        return (s.epsilon, s.epsilon_decay, self.task.sampling_time, floor)
 
     @property
     def epsilon(self) -> float:
         """Exploration rate now (T Eq. 14)."""
-        s = self.settings
-        decayed = s.epsilon * s.epsilon_decay ** (self.step * s.sampling_time)
-        return max(decayed, min(s.epsilon_min, s.epsilon))
+        return float(epsilon_at(self._exploring, self.step))
+
+    def values(self, states: Array, weights: Array | None = None) -> Array:
+        """Q̂ of every action, shape (n_states, n_actions)."""
+        return self.features(states) @ (self.weights if weights is None else weights).T
+
+    @property
+    def _choice(self) -> Choice:
+        return Choice(
+            self.features.table, self.weights, self.shield.guard, self._exploring, *self._room
+        )
 
     def act(self, state: Array, explore: bool = True) -> tuple[int, Source]:
         """Choose an action (T Algorithm 2, line 5).
@@ -154,23 +298,24 @@ class OnlineLSPI:
         action : int
         source : Source
         """
-        if explore and self.rng.random() < self.epsilon:
-            action, source = int(self.rng.integers(self.settings.n_actions)), Source.EXPLORE
-        else:
-            q = self.features.weigh(self.weights, state, self._q).tolist()
-            action, source = self.choose(q), Source.EXPLOIT
-        guard = self.shield.guard
-        if guard.active and not allowed(guard, state, action):
-            self.vetoes += 1
-            q = self.features.weigh(self.weights, state, self._q)
-            return int(safest(guard, state, q)), Source.SHIELD
-        return action, source
+        decide = choose if explore else choose_greedily
+        action, source = decide(self._choice, self.rng, self.step, state)
+        self.vetoes += source == _SHIELD
+        return action, Source(source)
 
-    def choose(self, q: Sequence[float]) -> int:
-        """Action of the largest value; one of several at random."""
-        most = max(q)
-        best = [a for a, value in enumerate(q) if value == most]
-        return best[0] if len(best) == 1 else int(self.rng.choice(best or len(q)))
+    def kernel(self, most: int) -> Kernel:
+        """The same choice for a compiled loop, and room for what happens there."""
+        count = min(most, max(self.settings.update_interval - len(self.batch), 1))
+        return Kernel(choose, self._choice, self.rng, self.step, self.batch.reserve(count))
+
+    def flown(self, steps: int, vetoes: int, *, ended: bool, last: bool) -> bool:
+        """Take what was written into the rows of `kernel`."""
+        self.batch.written(steps)
+        self.step += steps
+        self.vetoes += vetoes
+        if last:
+            self.batch.end(ended)
+        return len(self.batch) >= self.settings.update_interval
 
     def observe(self, transition: Transition) -> bool:
         """Keep one transition; one with a number that is not finite is dropped and counted.
@@ -182,18 +327,14 @@ class OnlineLSPI:
         """
         t = transition
         numbers = (t.reward, *t.state.tolist(), *t.next_state.tolist())
-        if all(map(math.isfinite, numbers)) and 0 <= t.action < self.settings.n_actions:
+        if all(map(math.isfinite, numbers)) and 0 <= t.action < self.task.n_actions:
             self.batch.append(transition)
             self.step += 1
         else:
             self.dropped += 1
         return len(self.batch) >= self.settings.update_interval
 
-    def inform(
-        self,
-        transitions: Transitions,
-        proceed: Callable[[int, float], bool] = always,
-    ) -> Update:
+    def pretrain(self, demonstrations: Transitions, proceed: Proceed = always) -> LSPIUpdate:
         """Learn from demonstrations, then go on online from there (T III-C).
 
         The literal learner runs offline LSPI from random weights; its weights and its Γ, Λ, z
@@ -202,48 +343,54 @@ class OnlineLSPI:
 
         Parameters
         ----------
-        transitions : Transitions
+        demonstrations : Transitions
         proceed : callable
-            As in `policy_iteration`.
 
         Returns
         -------
-        Update
+        LSPIUpdate
 
         Raises
         ------
         InputError
             When no transition is usable.
         """
-        s = self.settings
-        usable = transitions.usable(s.n_actions)
+        usable = demonstrations.usable(self.task.n_actions)
         self.dropped += int((~usable).sum())
         if not usable.any():
             raise InputError(
-                f"none of {len(transitions)} demonstrated transitions is usable; allowed: finite "
-                f"numbers and actions 0 to {s.n_actions - 1}"
+                f"none of {len(demonstrations)} demonstrated transitions is usable; allowed: "
+                f"finite numbers and actions 0 to {self.task.n_actions - 1}"
             )
-        rows = transitions[usable]
+        rows = demonstrations[usable]
         if self.literal:
             found = self._offline(rows, proceed)
         else:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
             found = self._refreshed(rows, start, True, proceed)()
         accepted = found.solve.status != "non-finite"
-        change = float(np.linalg.norm(found.solve.weights - self.weights))
+        report = self._report(0, accepted, found)
         if accepted:
             self._take(found)
             self.n_samples += len(rows)
-        return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
+        return report
 
-    def _offline(self, rows: Transitions, proceed: Callable[[int, float], bool]) -> Outcome:
+    def _report(self, number: int, accepted: bool, found: Computed) -> LSPIUpdate:
+        return LSPIUpdate(
+            number, self.step, accepted, found.solve.healthy,
+            float(np.linalg.norm(found.solve.weights - self.weights)),
+            _described(number, accepted, found), _facts(found),
+            found.solve, found.judgement, found.iteration,
+        )  # fmt: skip
+
+    def _offline(self, rows: Transitions, proceed: Proceed) -> Computed:
         """Offline LSPI on demonstrations (T Algorithm 1)."""
         s, shield = self.settings, self.shield.learn(rows)
         iteration, moments = offline_lspi(
             rows,
             self.features,
-            s.n_actions,
-            gamma=s.gamma,
+            self.task.n_actions,
+            gamma=self.task.gamma,
             delta=s.delta,
             among=shield.among(rows.next_state),
             chi=s.chi,
@@ -253,13 +400,9 @@ class OnlineLSPI:
             proceed=proceed,
         )
         found = iteration.solve
-        return Outcome(found.weights, found, moments, self.buffer, shield, iteration=iteration)
+        return Computed(found.weights, found, moments, self.buffer, shield, iteration=iteration)
 
-    def update(self) -> Update:
-        """Learn from what was observed (T Algorithm 2, lines 7 to 11)."""
-        return self.finish_update(self.begin_update()())
-
-    def begin_update(self) -> Callable[[], Outcome]:
+    def begin_update(self) -> Callable[[], Computed]:
         """Take the batch; the returned computation may run anywhere."""
         batch = self.batch.take()
         self.n_samples += len(batch)
@@ -269,48 +412,47 @@ class OnlineLSPI:
         tie_breaker = np.random.default_rng(self.rng.integers(2**63))
         moments, weights, buffer = self.moments, self.weights, self.buffer
         features, s, shield = self.features, self.settings, self.shield
+        gamma = self.task.gamma
 
-        def compute() -> Outcome:
+        def compute() -> Computed:
             phi, next_phi = features.along(batch)
             among = shield.among(batch.next_state)
             next_action = greedy(weights, next_phi, tie_breaker, among)
             grown = accumulate(
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
             )
-            found = solve(grown, s.gamma, s.scaling)
+            found = solve(grown, gamma, s.scaling)
             if found.healthy and not judge.plausible(
-                next_phi @ found.weights.T, batch.reward, s.gamma
+                next_phi @ found.weights.T, batch.reward, gamma
             ):
                 found = replace(found, status="diverging")
             chosen = found.weights if found.healthy else weights
             finite = found.status != "non-finite"
-            return Outcome(
+            return Computed(
                 chosen, found, grown if finite else moments, buffer,
                 shield.learn(batch, s.forget_factor),
             )  # fmt: skip
 
         return compute
 
-    def finish_update(self, found: Outcome) -> Update:
+    def finish_update(self, found: Computed) -> LSPIUpdate:
         """Take the result of `begin_update`'s computation.
 
         Weights of an unhealthy solve, or of one judged worse, are not used; those before stay.
         """
-        change = float(np.linalg.norm(found.solve.weights - self.weights))
-        accepted = found.solve.healthy and found.weights is not self.weights
-        self._take(found)
         self.updates += 1
-        return Update(
-            self.updates, self.step, found.solve, accepted, change, found.judgement, found.iteration
-        )
+        accepted = found.solve.healthy and found.weights is not self.weights
+        report = self._report(self.updates, accepted, found)
+        self._take(found)
+        return report
 
     def _refreshed(
         self,
         batch: Transitions,
         weights: Array,
         demonstrated: bool,
-        proceed: Callable[[int, float], bool],
-    ) -> Callable[[], Outcome]:
+        proceed: Proceed,
+    ) -> Callable[[], Computed]:
         """The refreshed update of a batch, started from some weights."""
         ends = batch.terminated | batch.truncated
         last = self.buffer.transitions[-1:]
@@ -319,59 +461,94 @@ class OnlineLSPI:
         self.starts = np.concatenate([self.starts, batch.state[begins]])[-STARTS_KEPT:]
         starts, step, s = self.starts, self.step, self.settings
         features, moments, kept, shield = self.features, self.moments, self.buffer, self.shield
+        task = self.task
 
-        def compute() -> Outcome:
+        def compute() -> Computed:
             buffer = kept.add(batch, step, demonstrated)
             grown = shield.learn(batch, 1.0 if demonstrated else s.forget_factor)
             among = grown.among(buffer.transitions.next_state)
-            found = refresh(buffer, step, features, s, weights, starts, proceed, among)
-            return Outcome(
+            found = refresh(buffer, step, features, task, s, weights, starts, proceed, among)
+            return Computed(
                 found.weights, found.solve, moments, buffer, grown, found.judgement,
                 found.iteration,
             )  # fmt: skip
 
         return compute
 
-    def _take(self, found: Outcome) -> None:
+    def _take(self, found: Computed) -> None:
         self.weights, self.moments, self.buffer = found.weights, found.moments, found.buffer
         self.shield = found.shield
 
-    def state(self) -> dict[str, Any]:
-        """Everything that a later `restore` needs to go on bit by bit the same."""
-        return {
-            "weights": self.weights,
-            "moments": self.moments,
-            "buffer": self.buffer,
-            "shield": self.shield,
-            "starts": self.starts,
-            "step": self.step,
-            "n_samples": self.n_samples,
-            "updates": self.updates,
-            "dropped": self.dropped,
-            "vetoes": self.vetoes,
-            "batch": self.batch.rows(),
-            "rng": self.rng.bit_generator.state,
-        }
+    def health(self) -> Mapping[str, object]:
+        """The shield's vetoes."""
+        if not self.shield.raised:
+            return {"shield": "off"}
+        waiting = "" if self.shield.guard.active else ", not enough samples yet"
+        return {"shield": f"{self.vetoes} vetoes{waiting}"}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from what `state` gave.
+    def state(self) -> LSPIState:
+        """Everything that a later `restore` needs to go on bit by bit the same."""
+        counters = {name: getattr(self, name) for name in _COUNTERS}
+        return LSPIState(
+            self.weights, self.moments, self.buffer, self.shield, self.starts, self.batch.rows(),
+            **counters, rng=dict(self.rng.bit_generator.state),
+        )  # fmt: skip
+
+    def restore(self, state: LSPIState) -> None:
+        """Go on from what `state` gave; this learner's own settings stay.
 
         Raises
         ------
         InputError
-            When it was made with other actions or features.
+            When it was made with other actions or features, or holds what cannot be.
         """
-        if state["weights"].shape != self.weights.shape:
-            raise InputError(
-                f"weights have shape {state['weights'].shape}; allowed: {self.weights.shape} "
-                "(actions, features) of this learner"
-            )
-        self.weights, self.moments = state["weights"], state["moments"]
-        self.buffer, self.shield = state["buffer"], state["shield"]
-        self.starts = state["starts"]
-        for name in ("step", "n_samples", "updates", "dropped", "vetoes"):
-            setattr(self, name, state[name])
+        mine = self.state()
+        for name, width in (("weights", self.weights.shape[1:]), ("starts", (self.task.n_dims,))):
+            found, here = getattr(state, name), getattr(mine, name)
+            wrong = found.ndim != 2 or found.shape[1:] != width
+            if wrong or (name == "weights" and found.shape != here.shape):
+                raise InputError(f"{name} have shape {found.shape}; allowed: {here.shape}")
+            if not np.isfinite(found).all():
+                raise InputError(f"{name} are not all finite; allowed: finite numbers")
+        for name, part in (("moments", state.moments), ("shield", state.shield)):
+            _check_like(name, part, getattr(mine, name))
+        kept = state.buffer
+        for name, rows in (("batch", state.batch), ("buffer", kept.transitions)):
+            if (
+                rows.state.shape[1] != self.task.n_dims
+                or not rows.usable(self.task.n_actions).all()
+            ):
+                raise InputError(
+                    f"{name} holds transitions that are none of task {self.task.name}; allowed: "
+                    f"{self.task.n_dims} finite variables, actions 0 to {self.task.n_actions - 1}"
+                )
+        if not len(kept.born) == len(kept.demonstrated) == len(kept.transitions):
+            raise InputError("buffer has columns of different lengths; allowed: one length")
+        try:
+            self.rng.bit_generator.state = state.rng
+        except (TypeError, ValueError, KeyError) as error:
+            raise InputError(f"rng is no state of its random generator: {error}") from None
+        self.weights, self.moments, self.starts = state.weights, state.moments, state.starts
+        self.buffer = replace(
+            self.buffer, transitions=kept.transitions, born=kept.born,
+            demonstrated=kept.demonstrated,
+        )  # fmt: skip
+        learned = {name: getattr(state.shield, name) for name in ("gram", "cross", "seen", "ended")}
+        self.shield = replace(self.shield, **learned)
+        for name in _COUNTERS:
+            setattr(self, name, getattr(state, name))
         self.batch.take()
-        for transition in state["batch"]:
+        for transition in state.batch:
             self.batch.append(transition)
-        self.rng.bit_generator.state = state["rng"]
+
+
+def _check_like(name: str, found: Any, mine: Any) -> None:
+    """Raise unless the arrays of a part have the shapes of ours and are finite where they are."""
+    for field in fields(mine):
+        here, there = getattr(mine, field.name), getattr(found, field.name)
+        if not isinstance(here, np.ndarray):
+            continue
+        if there.shape != here.shape:
+            raise InputError(f"{name} {field.name} has shape {there.shape}; allowed: {here.shape}")
+        if np.isfinite(here).all() and not np.isfinite(there).all():
+            raise InputError(f"{name} {field.name} is not all finite; allowed: finite numbers")

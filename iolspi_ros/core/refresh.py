@@ -8,7 +8,6 @@ iterated from those in use for several δ; and `judge` tells which one to fly.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,9 +18,11 @@ from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import Basis
-from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import BlockSystem, Iteration, always, policy_iteration
+from iolspi_ros.core.learner import Proceed, always
+from iolspi_ros.core.lspi import BlockSystem, Iteration, policy_iteration
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.solve import Solve
+from iolspi_ros.task import TaskDescription
 
 Array = NDArray[np.float64]
 
@@ -86,10 +87,11 @@ def refresh(
     buffer: Buffer,
     step: int,
     basis: Basis,
-    settings: LearnerSettings,
+    task: TaskDescription,
+    settings: LSPISettings,
     weights: Array,
     starts: Array,
-    proceed: Callable[[int, float], bool] = always,
+    proceed: Proceed = always,
     among: NDArray[np.bool_] | None = None,
 ) -> Refreshed:
     """Find the best policy that the samples kept can tell.
@@ -101,7 +103,8 @@ def refresh(
     step : int
         Online step k, from which the age of samples counts.
     basis : Basis
-    settings : LearnerSettings
+    task : TaskDescription
+    settings : LSPISettings
     weights : ndarray of shape (n_actions, size)
         In use; every iteration starts there.
     starts : ndarray of shape (n_starts, n_dims)
@@ -118,17 +121,17 @@ def refresh(
     s = settings
     weight = buffer.weight(step, s.forget_factor)
     # Whichever is smaller: one unknown for each function and action, or one for each sample.
-    many = s.n_actions * basis.size > len(buffer) and not len(basis.table.kept)
+    many = task.n_actions * basis.size > len(buffer) and not len(basis.table.kept)
     kind = DualSystem if many else BlockSystem
-    system = kind(buffer.transitions, basis, s.n_actions, s.gamma, weight, 0.0, among=among)
-    found = _candidates(system, buffer, s, weights, proceed)
+    system = kind(buffer.transitions, basis, task.n_actions, task.gamma, weight, 0.0, among=among)
+    found = _candidates(system, buffer, s, weights, task.gamma, proceed)
     healthy = [candidate for candidate in found if candidate.solve.healthy]
     if not healthy:
         judgement = Judgement(1, np.nan, np.nan, 0.0, len(found))
         return Refreshed(weights, found[-1].solve, found[-1].iteration, judgement)
     prediction = judge.fit(system, buffer.transitions, basis)
     policies = [weights, *(candidate.solve.weights for candidate in healthy)]
-    returns = judge.compare(prediction, policies, starts, s.gamma)
+    returns = judge.compare(prediction, policies, starts, task.gamma)
     chosen = judge.best(returns)
     new = healthy[chosen - 1 if chosen else judge.best(returns[1:])]
     judgement = Judgement(
@@ -149,26 +152,28 @@ class _Candidate(NamedTuple):
 def _candidates(
     system: BlockSystem | DualSystem,
     buffer: Buffer,
-    settings: LearnerSettings,
+    settings: LSPISettings,
     weights: Array,
-    proceed: Callable[[int, float], bool],
+    gamma: float,
+    proceed: Proceed,
 ) -> list[_Candidate]:
     """The policies of one iteration for each δ, within the budget of time."""
     s = settings
     deadline = time.monotonic() + s.refresh_budget if s.refresh_budget else np.inf
 
-    def go_on(number: int, change: float) -> bool:
-        return time.monotonic() < deadline and proceed(number, change)
-
     scale = system.scale()
     found: list[_Candidate] = []
-    for share in DELTAS:
+    for number, share in enumerate(DELTAS):
+
+        def go_on(done: float, number: int = number) -> bool:
+            return time.monotonic() < deadline and proceed((number + done) / len(DELTAS))
+
         system.delta = share * scale
         iteration = policy_iteration(
             system, weights, chi=s.chi, max_iterations=s.refresh_iterations, proceed=go_on
         )
         for solve in iteration.solves:
-            believed = _believed(solve, system, buffer, s.gamma)
+            believed = _believed(solve, system, buffer, gamma)
             found.append(_Candidate(believed, iteration, system.delta))
         if iteration.stop == "interrupted":
             break

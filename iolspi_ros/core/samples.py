@@ -210,6 +210,13 @@ class Observation(NamedTuple):
         return self.terminated or self.truncated
 
 
+def transition_between(before: Observation, after: Observation) -> Transition:
+    """The step from one observation to the next."""
+    return Transition(
+        before.state, after.action, after.reward, after.state, after.terminated, after.truncated
+    )
+
+
 @dataclass(frozen=True)
 class Sample:
     """A demonstrated transition with where it belongs and who flew it.

@@ -11,19 +11,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from iolspi_ros.core.features import Basis, RBFGrid, Table, weigh
-from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import Iteration, offline_lspi
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
-from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.core.samples import Transition, Transitions, transition_between
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.tasks.cart_pole import FORCE_NOISE, CartPole
 from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
-WIDE = LearnerSettings(
+WIDE = LSPISettings(
     low=(-np.pi / 2, -6.0), high=(np.pi / 2, 6.0), centers=(7, 7), periodic=(False,),
-    gamma=CartPole.gamma, sampling_time=CartPole.dt,
 )  # fmt: skip
 """As in config/cart_pole.yaml."""
 ROOM = 64
@@ -77,7 +76,7 @@ def balancing_steps(
     weights: Array,
     episodes: int,
     rng: np.random.Generator,
-    most: int = CartPole.episode_steps,
+    most: int = CartPole.description.episode_steps,
 ) -> Array:
     """Steps that a greedy policy balances the pole for, at most so many.
 
@@ -114,8 +113,10 @@ def demonstration(count: int, skilled: bool, rng: np.random.Generator) -> Transi
     rng : numpy.random.Generator
     """
     task: Any = CartPole()
-    delay = task.dt if skilled else 3.0 * task.dt
-    settings = PilotSettings(reaction_delay=delay, hold_time=task.dt, prediction_error=0.3)
+    delay = task.description.sampling_time if skilled else 3.0 * task.description.sampling_time
+    settings = PilotSettings(
+        reaction_delay=delay, hold_time=task.description.sampling_time, prediction_error=0.3
+    )
     pilot = ScriptedPilot(task, settings, rng)
     world = World(task, WorldSettings(uniform_noise=FORCE_NOISE), rng)
     rows: list[Transition] = []
@@ -125,7 +126,7 @@ def demonstration(count: int, skilled: bool, rng: np.random.Generator) -> Transi
         while not seen.last and len(rows) < count:
             action = pilot.act(seen.state)
             after = world.move(0, action)
-            rows.append(Transition(seen.state, action, after.reward, after.state, after.terminated))
+            rows.append(transition_between(seen, after)._replace(truncated=False))
             seen = after
     return Transitions.of(rows, 2)
 
@@ -168,7 +169,7 @@ class Balancing:
     deviation: float = 0.01
     steps: int = 3000
     evaluations: int = 20
-    gamma: float = CartPole.gamma
+    gamma: float = CartPole.description.gamma
     chi: float = 1e-5
     max_iterations: int = 20
     centers: int = 3
@@ -213,12 +214,12 @@ def _learned(
 ) -> tuple[Basis, Array, Iteration]:
     """Functions, weights, and how they were found."""
     if setting.refreshed:
-        learner = OnlineLSPI(WIDE, rng)
-        iteration = learner.inform(taken).iteration
+        learner = OnlineLSPI(CartPole.description, WIDE, rng)
+        iteration = learner.pretrain(taken).iteration
         assert iteration is not None
         return learner.features, learner.weights, iteration
     features = WIDE.features() if setting.wide else basis((setting.centers, setting.centers))
-    weights = rng.standard_normal((len(CartPole.actions), features.size))
+    weights = rng.standard_normal((CartPole.description.n_actions, features.size))
     ends = taken.terminated & setting.ends
     found = learn(
         replace(taken, terminated=ends), features, weights, gamma=setting.gamma, chi=setting.chi,
@@ -253,13 +254,13 @@ def learn(
     features: Basis,
     weights: Array,
     *,
-    gamma: float = CartPole.gamma,
+    gamma: float = CartPole.description.gamma,
     chi: float = 1e-5,
     max_iterations: int = 20,
 ) -> Iteration:
     """Offline LSPI with the settings of T 8-2; Γ begins at zero, as Lagoudakis and Parr's does."""
     found, _ = offline_lspi(
-        transitions, features, len(CartPole.actions), gamma=gamma, delta=0.0, chi=chi,
+        transitions, features, CartPole.description.n_actions, gamma=gamma, delta=0.0, chi=chi,
         max_iterations=max_iterations, weights=weights,
     )  # fmt: skip
     return found
@@ -322,7 +323,7 @@ def _greedy(
     steps: Array,
 ) -> None:
     """Fill `steps`."""
-    state, following = np.empty(2), np.empty(2)
+    state, next_state = np.empty(2), np.empty(2)
     q, phi = np.empty(len(weights)), np.empty(weights.shape[1])
     factors = np.empty(table.counts.sum())
     for episode in range(len(steps)):
@@ -330,9 +331,9 @@ def _greedy(
         stood = 0
         while stood < most:
             weigh(table, weights, state, factors, phi, q)
-            _, fell = dynamics(state, np.argmax(q), _noise(rng), parameters, following)
+            _, fell = dynamics(state, np.argmax(q), _noise(rng), parameters, next_state)
             if fell:
                 break
-            state[:] = following
+            state[:] = next_state
             stood += 1
         steps[episode] = stood

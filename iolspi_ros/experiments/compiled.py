@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from iolspi_ros.core.features import Basis, Table, weigh
-from iolspi_ros.core.online import OnlineLSPI, Update
-from iolspi_ros.core.shield import Guard, allowed, safest
-from sim_nodes.tasks.base import Task
-from sim_nodes.world import World
+from iolspi_ros.core.learner import CompiledLearner, Learner, Source, Update, update
+from iolspi_ros.core.samples import Transitions
+from sim_nodes.tasks.base import Compiled, Task
+from sim_nodes.world import Noise, World, action_noise, blur
 
 Array = NDArray[np.float64]
+_SHIELD = int(Source.SHIELD)
+
+
+class CompiledTask(Compiled, Task, Protocol):
+    """A task with compiled dynamics."""
+
+
+class Training(CompiledLearner, Learner, Protocol):
+    """A learner that flies in a compiled loop."""
 
 
 def fly(
     world: World,
-    learner: OnlineLSPI,
+    task: CompiledTask,
+    learner: Training,
     episodes: int,
     on_update: Callable[[Update], None],
     on_episode: Callable[[float, float, bool], None],
@@ -31,153 +42,115 @@ def fly(
     Parameters
     ----------
     world : World
-    learner : OnlineLSPI
+    task : CompiledTask
+        The world's.
+    learner : Learner
     episodes : int
     on_update, on_episode : callable
         As in `headless.Listener`.
     """
-    flight = _Flight(world, learner)
+    flight = _Flight(world, task, learner)
     for episode in range(episodes):
-        flight.seen[:] = world.begin(episode).state
-        flight.state[:] = world.state
-        left, action, score = world.task.episode_steps, -1, 0.0
-        while True:
-            steps, ended, tied = flight.stretch(left, action)
-            left -= steps
+        flight.begin(episode)
+        score, last, due = 0.0, False, False
+        while not last:
+            ended, last, due = flight.stretch()
             score += flight.score
-            over = ended or left == 0
-            if over:
-                learner.batch.end(ended)
-            if len(learner.batch) >= learner.settings.update_interval:
-                on_update(learner.update())
-            if over:
-                on_episode(score, flight.reward, ended)
-                break
-            action = learner.choose(flight.q.tolist()) if tied else -1
+            if due:
+                on_update(update(learner))
+        on_episode(score, flight.reward, ended)
 
 
 class _Flight:
     """A world, a learner, and the room that the compiled loop works in."""
 
-    def __init__(self, world: World, learner: OnlineLSPI) -> None:
-        self.world, self.learner = world, learner
-        table = learner.features.table
-        self.state, self.seen, self.following = np.empty((3, learner.features.n_dims))
-        self.q = np.empty(learner.settings.n_actions)
-        self.factors = np.empty(int(table.counts.sum()))
-        self.phi = np.empty(learner.features.size)
+    def __init__(self, world: World, task: CompiledTask, learner: Training) -> None:
+        self.world, self.task, self.learner = world, task, learner
+        self.state, self.seen, self.next_state = np.empty((3, task.description.n_dims))
+        self.left = 0
         self.score, self.reward = 0.0, 0.0  # of the latest stretch: their sum, and the last one
 
-    def stretch(self, left: int, action: int) -> tuple[int, bool, bool]:
-        """Fly until the batch or the episode is full, the task ends, or Q̂ leaves a choice.
+    def begin(self, episode: int) -> None:
+        """Put the vehicle at the start of an episode."""
+        self.seen[:] = self.world.begin(episode).state
+        self.state[:] = self.world.state
+        self.left = self.task.description.episode_steps
 
-        Parameters
-        ----------
-        left : int
-            Steps until the clock cuts the episode.
-        action : int
-            That must be taken first; -1 for none.
+    def stretch(self) -> tuple[bool, bool, bool]:
+        """Fly until an update is due, the clock cuts the episode, or the task ends.
 
         Returns
         -------
-        steps : int
-        terminated, tied : bool
+        terminated, last, due : bool
+            Whether the task ended, whether the episode did, and whether an update is due.
         """
-        world, learner, s = self.world, self.learner, self.learner.settings
-        count = min(left, s.update_interval - len(learner.batch))
-        begin, dt = world.vehicle_steps, world.task.dt
-        parameters = world.task.parameters(begin * dt)[None, :]
-        if not np.array_equal(parameters[0], world.task.parameters((begin + count) * dt)):
-            steps = range(begin, begin + count)  # they change on the way
-            parameters = np.stack([world.task.parameters(step * dt) for step in steps])
-        rows = learner.batch.reserve(count)
-        noises = (world.settings.action_noise, world.settings.uniform_noise)
-        exploring = (s.epsilon, s.epsilon_decay, s.sampling_time, min(s.epsilon_min, s.epsilon))
-        steps, terminated, tied, vetoes = _fly(
-            world.task.compiled, parameters, learner.features.table, learner.weights, learner.rng,
-            exploring, learner.shield.guard, learner.step, noises, world.sensor_noise, world.rng,
-            self.state, self.seen, action, rows.state, rows.action, rows.reward, rows.next_state,
-            self.factors, self.phi, self.q, self.following,
+        world, kernel = self.world, self.learner.kernel(self.left)
+        steps, terminated, vetoes = _fly(
+            self.task.compiled, self._parameters(len(kernel.rows)), kernel.choose, kernel.memory,
+            kernel.rng, kernel.step, world.noise, world.rng, self.state, self.seen,
+            self.next_state, _columns(kernel.rows),
         )  # fmt: skip
-        learner.batch.written(steps)
-        self.score = float(rows.reward[:steps].sum())
-        self.reward = float(rows.reward[steps - 1]) if steps else self.reward
-        learner.step += steps
-        learner.vetoes += vetoes
+        self.score = float(kernel.rows.reward[:steps].sum())
+        self.reward = float(kernel.rows.reward[steps - 1])
+        self.left -= steps
+        last = terminated or self.left == 0
+        due = self.learner.flown(steps, vetoes, ended=terminated, last=last)
         world.flown(self.state.copy(), steps)
-        return steps, terminated, tied
+        return terminated, last, due
+
+    def _parameters(self, count: int) -> Array:
+        """The vehicle's numbers at each of the next steps, or once when they stay."""
+        dt = self.task.description.sampling_time
+        begin = self.world.vehicle_steps
+        now = self.task.parameters(begin * dt)
+        if np.array_equal(now, self.task.parameters((begin + count) * dt)):
+            return now[None, :]
+        return np.stack([self.task.parameters(k * dt) for k in range(begin, begin + count)])
+
+
+def _columns(rows: Transitions) -> tuple[Array, NDArray[np.int64], Array, Array]:
+    return rows.state, rows.action, rows.reward, rows.next_state
 
 
 @njit
 def _fly(
     dynamics: Callable[..., tuple[float, bool]],
     parameters: Array,
-    table: Table,
-    weights: Array,
+    choose: Callable[..., tuple[int, int]],
+    memory: tuple[object, ...],
     rng: np.random.Generator,
-    exploring: tuple[float, float, float, float],
-    guard: Guard,
     step: int,
-    action_noises: tuple[float, float],
-    sensor_noise: Array,
+    noise: Noise,
     vehicle_rng: np.random.Generator,
     state: Array,
     seen: Array,
-    first_action: int,
-    states: Array,
-    actions: NDArray[np.int64],
-    rewards: Array,
-    next_states: Array,
-    factors: Array,
-    phi: Array,
-    q: Array,
-    following: Array,
-) -> tuple[int, bool, bool, int]:
-    """Fill the rows; returns how many, whether it ended, whether Q̂ leaves a choice, and vetoes."""
+    next_state: Array,
+    columns: tuple[Array, NDArray[np.int64], Array, Array],
+) -> tuple[int, bool, int]:
+    """Fill the columns; returns how many rows, whether the task ended, and vetoes."""
+    states, actions, rewards, next_states = columns
     vetoes = 0
-    start, decay, dt, floor = exploring
-    normal, uniform = action_noises
-    blurred = sensor_noise.any()
     for row in range(len(states)):
-        if row == 0 and first_action >= 0:
-            action = first_action
-        elif rng.random() < max(start * decay ** ((step + row) * dt), floor):
-            action = int(rng.integers(0, len(weights)))
-        else:
-            weigh(table, weights, seen, factors, phi, q)
-            action, best = 0, 0
-            for a in range(len(q)):
-                if q[a] > q[action]:
-                    action = a
-            for a in range(len(q)):
-                best += q[a] == q[action]
-            if best != 1:
-                return row, False, True, vetoes
-        if guard.active and not allowed(guard, seen, action):
-            vetoes += 1
-            weigh(table, weights, seen, factors, phi, q)
-            action = safest(guard, seen, q)
-        noise = normal * vehicle_rng.standard_normal() if normal else 0.0
-        if uniform:
-            noise += uniform * (2.0 * vehicle_rng.random() - 1.0)
+        action, source = choose(memory, rng, step + row, seen)
+        vetoes += source == _SHIELD
+        added = action_noise(noise, vehicle_rng)
         now = parameters[min(row, len(parameters) - 1)]
-        reward, ended = dynamics(state, action, noise, now, following)
+        reward, ended = dynamics(state, action, added, now, next_state)
         states[row] = seen
         actions[row] = action
         rewards[row] = reward
-        state[:] = following
-        seen[:] = following
-        if blurred:
-            for d in range(len(seen)):
-                seen[d] += sensor_noise[d] * vehicle_rng.standard_normal()
+        state[:] = next_state
+        seen[:] = next_state
+        if noise.blurred:
+            blur(noise, vehicle_rng, seen)
         next_states[row] = seen
         if ended:
-            return row + 1, True, False, vetoes
-    return len(states), False, False, vetoes
+            return row + 1, True, vetoes
+    return len(states), False, vetoes
 
 
 def fly_greedily(
-    task: Task, weights: Array, basis: Basis, time: float
+    task: CompiledTask, weights: Array, basis: Basis, time: float
 ) -> tuple[Array, NDArray[np.int64], Array, NDArray[np.bool_]]:
     """One episode from every initial condition by the greedy policy, without noise.
 
@@ -191,7 +164,7 @@ def fly_greedily(
         Zero after the end.
     terminated : ndarray of bool, shape (n,)
     """
-    starts, n_steps = task.initial_states(), task.episode_steps
+    starts, n_steps = task.initial_states(), task.description.episode_steps
     states = np.empty((n_steps + 1, *starts.shape))
     states[:] = starts
     actions = np.full((n_steps, len(starts)), -1)
@@ -224,8 +197,8 @@ def _fly_greedily(
         for step in range(len(actions)):
             weigh(table, weights, states[step, start], factors, phi, q)
             action = int(np.argmax(q))
-            following = states[step + 1, start]
-            reward, ended = dynamics(states[step, start], action, 0.0, parameters, following)
+            next_state = states[step + 1, start]
+            reward, ended = dynamics(states[step, start], action, 0.0, parameters, next_state)
             actions[step, start] = action
             rewards[step, start] = reward
             if ended:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.headless import Listener, train
@@ -17,10 +17,10 @@ from iolspi_ros.experiments.samplesets import NOTHING, bag, samples
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.world import World, WorldSettings
 
-ONLINE = LearnerSettings(
-    algorithm="literal", n_actions=4, low=(-6.0, -4.0, -np.pi / 2, -np.pi),
+ONLINE = LSPISettings(
+    algorithm="literal", low=(-6.0, -4.0, -np.pi / 2, -np.pi),
     high=(0.0, 4.0, np.pi / 2, np.pi), centers=(9, 1, 9, 1), periodic=(False,),
-    sampling_time=SlungLoad.dt, epsilon=1.0, epsilon_decay=0.9992, epsilon_min=0.01,
+    epsilon=1.0, epsilon_decay=0.9992, epsilon_min=0.01,
     envelope_low=(-6.5, -np.inf, -np.pi / 2, -np.inf),
     envelope_high=(3.0, np.inf, np.pi / 2, np.inf),
 )  # fmt: skip
@@ -39,7 +39,7 @@ class Dropping:
 
     Attributes
     ----------
-    learner : LearnerSettings
+    learner : LSPISettings
     initial : str
         As of `SlungLoad`.
     samples : str
@@ -49,7 +49,7 @@ class Dropping:
         How often policies are judged after the beginning, in equal numbers of episodes.
     """
 
-    learner: LearnerSettings = ONLINE
+    learner: LSPISettings = ONLINE
     initial: str = "wide"
     samples: str = NOTHING
     episodes: int = 15_000
@@ -57,7 +57,7 @@ class Dropping:
 
     def inputs(self) -> list[Path]:
         """Files that the result depends on."""
-        path = bag(self.samples, SlungLoad.name)
+        path = bag(self.samples, SlungLoad.description.name)
         return sorted(path.glob("*.mcap")) if path else []
 
     def quick(self) -> Dropping:
@@ -93,17 +93,17 @@ def drop(setting: Dropping, seed: int) -> Mapping[str, Any]:
         Flown in all.
     """
     task: Any = SlungLoad(initial=setting.initial)
-    core = OnlineLSPI(setting.learner, np.random.default_rng([seed, 1]))
+    core = OnlineLSPI(task.description, setting.learner, np.random.default_rng([seed, 1]))
     wide: Any = SlungLoad()
-    taught = samples(setting.samples, wide, seed)
-    if taught is not None:
-        core.inform(taught)
+    demonstrations = samples(setting.samples, wide, seed)
+    if demonstrations is not None:
+        core.pretrain(demonstrations)
     world = World(task, WorldSettings(), np.random.default_rng([seed, 0]))
     scores, endings, looks = list[float](), list[int](), []
 
     def ended(score: float, reward: float, terminated: bool) -> None:
         scores.append(score)
-        endings.append(int(task.ending(np.array(reward), np.array(terminated))))
+        endings.append(int(task.description.ending(reward, terminated)))
 
     def look() -> None:
         row: list[Any] = [core.vetoes]

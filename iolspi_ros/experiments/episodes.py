@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from iolspi_ros.core.online import OnlineLSPI, Source
+from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.experiments.headless import Listener, train
-from iolspi_ros.experiments.learning import HANGING, Learning
+from iolspi_ros.experiments.learning import HANGING, Learning, make
 from iolspi_ros.experiments.samplesets import samples
 from sim_nodes.tasks.pendulum import UPRIGHT_ANGLE
 from sim_nodes.world import World
@@ -46,7 +46,7 @@ class Episodes:
     def wanted(self) -> list[int]:
         """Numbers of the episodes, window by window."""
         run = self.learning
-        scale = run.seconds / _SECONDS / (run.task.dt * run.task.episode_steps)
+        scale = run.seconds / _SECONDS / run.task.description.episode_time
         firsts = [(round(time * scale) + offset, count) for time, offset, count in self.windows]
         return [first + k for first, count in firsts for k in range(count)]
 
@@ -66,10 +66,10 @@ def record(setting: Episodes, seed: int) -> Mapping[str, Any]:
         Seconds until then; NaN when it never was.
     """
     run = setting.learning
-    core = OnlineLSPI(run.learner, np.random.default_rng([seed, 1]))
-    taught = samples(run.samples, HANGING, seed)
-    if taught is not None:
-        core.inform(taught)
+    core = make(run, seed)
+    demonstrations = samples(run.samples, HANGING, seed)
+    if demonstrations is not None:
+        core.pretrain(demonstrations)
     wanted = setting.wanted
     kept: dict[int, list[tuple[float, float, float]]] = {number: [] for number in wanted}
 
@@ -86,7 +86,7 @@ def record(setting: Episodes, seed: int) -> Mapping[str, Any]:
         "angle": angle,
         "reward": reward,
         "swings": np.array([turns for turns, _ in found]),
-        "reached": np.array([steps for _, steps in found]) * run.task.dt,
+        "reached": np.array([steps for _, steps in found]) * run.task.description.sampling_time,
     }
 
 

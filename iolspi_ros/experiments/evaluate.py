@@ -14,10 +14,12 @@ from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
 from iolspi_ros.core.shield import Shield
+from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache
-from iolspi_ros.experiments.compiled import fly_greedily
-from iolspi_ros.experiments.history import Episode
-from sim_nodes.tasks.base import Task
+from iolspi_ros.experiments.compiled import CompiledTask, fly_greedily
+from iolspi_ros.experiments.history import EpisodeRecord
+from iolspi_ros.task import TaskDescription
+from sim_nodes.tasks.base import Compiled, Judging, Reference, Task
 
 Array = NDArray[np.float64]
 Policy = Callable[[Array], NDArray[np.int64]]
@@ -84,21 +86,23 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     -------
     Evaluation
     """
-    state = task.initial_states()
+    about, state = task.description, task.initial_states()
     alive = np.ones(len(state), bool)
     states, actions, rewards = [state], [], []
-    for _ in range(task.episode_steps):
+    for _ in range(about.episode_steps):
         action = policy(state)
-        following, reward, terminated = task.step(state, action, time)
+        next_state, reward, terminated = task.step(state, action, time)
         rewards.append(np.where(alive, reward, 0.0))
-        state = np.where(alive[:, None], following, state)
+        state = np.where(alive[:, None], next_state, state)
         actions.append(np.where(alive, action, -1))
         alive &= ~terminated
         states.append(state)
     return _graded(task, np.stack(states), np.stack(actions), np.stack(rewards), ~alive)
 
 
-def evaluate_weights(task: Task, weights: Array, features: Basis, time: float = 0.0) -> Evaluation:
+def evaluate_weights(
+    task: CompiledTask, weights: Array, features: Basis, time: float = 0.0
+) -> Evaluation:
     """The same for the greedy policy of some weights, shape (n_actions, size), compiled.
 
     The sums behind Q̂ are taken in another order than `evaluate` takes them, so the last bits of
@@ -115,36 +119,52 @@ def _graded(
     terminated: NDArray[np.bool_],
 ) -> Evaluation:
     """What episodes come to."""
-    discounted = task.gamma ** np.arange(len(rewards)) @ rewards
+    about = task.description
+    discounted = about.gamma ** np.arange(len(rewards)) @ rewards
     lengths = np.count_nonzero(actions >= 0, axis=0)
     last = rewards[lengths - 1, np.arange(len(lengths))]
-    succeeded = task.succeeded(states, rewards)
-    ending = task.ending(last, terminated)
-    return Evaluation(states, actions, discounted, rewards.sum(axis=0), succeeded, ending)
+    ending = about.ending(last, terminated)
+    reached = _reached(task, states, rewards, ending)
+    return Evaluation(states, actions, discounted, rewards.sum(axis=0), reached, ending)
 
 
-def succeeded(task: Task, episodes: Sequence[Episode]) -> NDArray[np.bool_]:
+def _reached(
+    task: Task, states: Array, rewards: Array, ending: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Whether episodes reached their goal: by the task, or else by how they ended."""
+    if isinstance(task, Judging):
+        return task.succeeded(states, rewards)
+    return np.array([end.success for end in task.description.endings])[ending]
+
+
+def succeeded(task: Task, episodes: Sequence[EpisodeRecord]) -> NDArray[np.bool_]:
     """Whether each of some whole episodes reached the goal; one that ended early stays there.
 
     Returns
     -------
     ndarray of bool, shape (n_episodes,)
     """
-    length = task.episode_steps + 1
-    states = np.empty((length, len(episodes), len(task.low)))
+    about = task.description
+    length = about.episode_steps + 1
+    states = np.empty((length, len(episodes), about.n_dims))
     rewards = np.zeros((length, len(episodes)))
     for number, episode in enumerate(episodes):
         count = len(episode.states)
         states[:count, number] = episode.states
         states[count:, number] = episode.states[-1]
         rewards[:count, number] = episode.rewards
-    return task.succeeded(states, rewards[1:])
+    return _reached(task, states, rewards[1:], endings(about, episodes))
 
 
-def endings(task: Task, episodes: Sequence[Episode]) -> NDArray[np.int64]:
+def endings(about: TaskDescription, episodes: Sequence[EpisodeRecord]) -> NDArray[np.int64]:
     """Which of the task's endings each of some whole episodes came to, shape (n_episodes,)."""
     rewards = np.array([episode.rewards[-1] for episode in episodes])
-    return task.ending(rewards, np.array([episode.terminated for episode in episodes], bool))
+    return about.ending(rewards, np.array([episode.terminated for episode in episodes], bool))
+
+
+def has_reference(task: Task) -> bool:
+    """Whether a near-optimal policy of this task can be computed."""
+    return isinstance(task, Reference)
 
 
 def near_optimal_policy(
@@ -153,7 +173,7 @@ def near_optimal_policy(
     time: float = 0.0,
     progress: Progress | None = None,
 ) -> NearOptimal:
-    """The yardstick: dynamic programming on the task's model (T has none).
+    """The baseline: dynamic programming on the task's model (T has none).
 
     Its values are kept in the user's cache folder and found there the next time.
 
@@ -171,22 +191,31 @@ def near_optimal_policy(
     def model(states: Array, actions: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.bool_]]:
         return task.step(states, actions, time)
 
-    grid = Grid(task.low, task.high, points or task.reference_points)
+    if not isinstance(task, Reference):
+        raise InputError(
+            f"task {task.description.name} has no near-optimal policy; allowed: a task with the "
+            "members reference_points and reference_lookahead"
+        )
+    about = task.description
+    grid = Grid(about.low, about.high, points or task.reference_points)
     name = _fingerprint(task, grid, time)
     values = cache.read(name, (grid.size,))
     if values is None:
-        found = near_optimal(model, grid, len(task.actions), task.gamma, progress=progress)
+        found = near_optimal(model, grid, about.n_actions, about.gamma, progress=progress)
         values = found.values
         cache.write(name, values)
-    return NearOptimal(grid, values, model, len(task.actions), task.gamma, task.reference_lookahead)
+    return NearOptimal(grid, values, model, about.n_actions, about.gamma, task.reference_lookahead)
 
 
 def _fingerprint(task: Task, grid: Grid, time: float) -> str:
     """Name of whatever makes the values: the settings, and how the model answers here and there."""
-    facts = (__version__, task.name, grid.low, grid.high, tuple(grid.counts), task.gamma)
-    digest = hashlib.sha256(repr(facts).encode() + task.parameters(time).tobytes())
-    probes = np.random.default_rng(0).uniform(grid.low, grid.high, (1000, len(grid.low)))
-    for action in range(len(task.actions)):
+    about = task.description
+    facts = (__version__, about.name, grid.low, grid.high, tuple(grid.counts), about.gamma)
+    digest = hashlib.sha256(repr(facts).encode())
+    if isinstance(task, Compiled):
+        digest.update(task.parameters(time).tobytes())
+    probes = np.random.default_rng(0).uniform(grid.low, grid.high, (1000, about.n_dims))
+    for action in range(about.n_actions):
         for answer in task.step(probes, np.full(len(probes), action), time):
             digest.update(np.ascontiguousarray(answer).tobytes())
-    return f"{task.name}-{digest.hexdigest()[:16]}"
+    return f"{about.name}-{digest.hexdigest()[:16]}"

@@ -2,53 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.online import Update
-from iolspi_ros.core.refresh import Judgement
+from iolspi_ros.core.learner import Update
 from iolspi_ros.core.samples import Observation, Transitions
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Policy:
-    """The weights after one update.
+class PolicyRecord:
+    """The policy after one update.
 
     Attributes
     ----------
     number : int
-        Of the update; 0 for offline LSPI.
+        Of the update; 0 for what was learned from demonstrations.
     time : float
-        Vehicle time at which they came into use [s].
-    weights : ndarray of shape (n_actions, size)
-    condition : float
-        Of the solve.
-    status : str
-        Of the solve.
-    judgement : Judgement, optional
-        Why these weights, when policies were compared.
+        Vehicle time at which it came into use [s].
+    weights : ndarray of shape (n_rows, n_columns)
+        For the learner's `values`.
+    accepted, healthy : bool
+        As of the update.
+    facts : mapping of str to float
+        The learner's own numbers.
     """
 
     number: int
     time: float
     weights: Array
-    condition: float
-    status: str
-    judgement: Judgement | None = None
+    accepted: bool = True
+    healthy: bool = True
+    facts: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, update: Update, time: float, weights: Array) -> Policy:
-        """Weights in use after an update."""
-        solve = update.solve
-        return cls(update.number, time, weights, solve.condition, solve.status, update.judgement)
+    def of(cls, update: Update, time: float, weights: Array) -> PolicyRecord:
+        """The policy in use after an update."""
+        return cls(update.number, time, weights, update.accepted, update.healthy, update.facts)
 
 
 @dataclass
-class Episode:
+class EpisodeRecord:
     """One episode as it was seen.
 
     Attributes
@@ -82,30 +80,31 @@ class History:
 
     Attributes
     ----------
-    dt : float
-        Sampling time [s].
-    taught : Transitions
-        What was demonstrated.
-    episodes : list of Episode
+    sampling_time : float
+        T_s [s].
+    demonstrations : Transitions
+    episodes : list of EpisodeRecord
         Those flown while learning.
     scores : list of float
         Sum of rewards of each of them (T: learning score).
-    policies : list of Policy
-    shown : list of Episode
+    policies : list of PolicyRecord
+    shown : list of EpisodeRecord
         Those flown at the end, greedily and without learning.
     offline : str
-        How offline LSPI stopped.
+        How learning from demonstrations went.
     """
 
-    dt: float
-    taught: Transitions
-    episodes: list[Episode] = field(default_factory=list)
+    sampling_time: float
+    demonstrations: Transitions
+    episodes: list[EpisodeRecord] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
-    policies: list[Policy] = field(default_factory=list)
-    shown: list[Episode] = field(default_factory=list)
+    policies: list[PolicyRecord] = field(default_factory=list)
+    shown: list[EpisodeRecord] = field(default_factory=list)
     offline: str = ""
 
     @property
     def vehicle_time(self) -> float:
         """Time that the vehicle moved while learning online [s]."""
-        return self.dt * sum(max(len(episode.states) - 1, 0) for episode in self.episodes)
+        return self.sampling_time * sum(
+            max(len(episode.states) - 1, 0) for episode in self.episodes
+        )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.experiments.evaluate import (
     Evaluation,
@@ -27,11 +27,12 @@ from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
-LITERAL = LearnerSettings(algorithm="literal", periodic=(False,))
+LITERAL = LSPISettings(algorithm="literal", periodic=(False,))
 """T Algorithm 2 on T's grid of 11 by 11 functions, K_theta = 1000, epsilon = 0.2."""
-REFRESHED = LearnerSettings()
+REFRESHED = LSPISettings()
 HANGING: Any = Pendulum()  # a Task, and a dataclass
 
+_LAST = round(UPRIGHT_TIME / Pendulum.description.sampling_time)
 _QUICK = 10
 _QUICK_LOOKS = 15
 
@@ -42,9 +43,11 @@ class Learning:
 
     Attributes
     ----------
-    learner : LearnerSettings
+    learner : LSPISettings
     task : Pendulum
     world : WorldSettings
+    gamma : float
+        Discount factor that the learner takes; policies are judged by the task's.
     samples : str
         One of `samplesets.SOURCES`, gathered hanging down.
     seconds : float
@@ -53,9 +56,10 @@ class Learning:
         How often policies are judged after the beginning, in equal times.
     """
 
-    learner: LearnerSettings = LITERAL
+    learner: LSPISettings = LITERAL
     task: Any = HANGING
     world: WorldSettings = WorldSettings()  # noqa: RUF009  frozen
+    gamma: float = Pendulum.description.gamma
     samples: str = NOTHING
     seconds: float = 600.0
     looks: int = 30
@@ -81,6 +85,12 @@ class Learning:
         return np.linspace(0.0, self.seconds, self.looks + 1)
 
 
+def make(setting: Learning, seed: int) -> OnlineLSPI:
+    """The learner of a realisation."""
+    task = replace(setting.task.description, gamma=setting.gamma)
+    return OnlineLSPI(task, setting.learner, np.random.default_rng([seed, 1]))
+
+
 def learn(setting: Learning, seed: int) -> Mapping[str, Any]:
     """One realisation.
 
@@ -98,17 +108,17 @@ def learn(setting: Learning, seed: int) -> Mapping[str, Any]:
     score : ndarray of shape (n_episodes,)
         Sum of rewards of each episode while learning (T: learning score).
     """
-    core = OnlineLSPI(setting.learner, np.random.default_rng([seed, 1]))
-    taught = samples(setting.samples, HANGING, seed)
-    if taught is not None:
-        core.inform(taught)
+    core = make(setting, seed)
+    demonstrations = samples(setting.samples, HANGING, seed)
+    if demonstrations is not None:
+        core.pretrain(demonstrations)
     task, judged, scores = setting.task, _Judge(setting, core), list[float]()
     world = World(task, setting.world, np.random.default_rng([seed, 0]))
     listener = Listener(
-        on_update=lambda update: judged.updated(update.step * task.dt),
+        on_update=lambda update: judged.updated(update.step * task.description.sampling_time),
         on_episode=lambda score, *_: scores.append(score),
     )
-    train(world, core, round(setting.seconds / (task.dt * task.episode_steps)), listener)
+    train(world, core, round(setting.seconds / task.description.episode_time), listener)
     judged.updated(np.inf)
     columns = zip(*judged.found, strict=True)
     named = dict(zip(("discounted", "upright", "whole"), map(np.array, columns), strict=True))
@@ -135,7 +145,7 @@ class _Judge:
 
 def grades(task: Task, flown: Evaluation) -> tuple[float, float, float]:
     """Discounted return, and how upright episodes end: by time, and as a whole."""
-    ends = np.abs(flown.states[-round(UPRIGHT_TIME / task.dt) :, :, 0]) <= UPRIGHT_ANGLE
+    ends = np.abs(flown.states[-_LAST:, :, 0]) <= UPRIGHT_ANGLE
     return flown.discounted_return, float(ends.mean()), flown.success_fraction
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from iolspi_ros import resources
 from iolspi_ros.bags import read_demonstration
-from iolspi_ros.core.samples import Observation, Transition, Transitions
+from iolspi_ros.core.samples import Observation, Transitions, transition_between
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import TaskDescription
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.tasks.base import Task
 from sim_nodes.world import World, WorldSettings
@@ -62,19 +63,19 @@ def samples(source: str, task: Task, seed: int) -> Transitions | None:
     """
     if source == NOTHING:
         return None
-    rng = np.random.default_rng([seed, 2])
+    about, rng = task.description, np.random.default_rng([seed, 2])
     if source == SEQUENTIAL:  # random actions in whole episodes (T fig. 8)
-        return _flown(task, rng, lambda seen: int(rng.integers(len(task.actions))))
+        return _flown(task, rng, lambda seen: int(rng.integers(task.description.n_actions)))
     if source == INDEPENDENT:  # random states and actions on the model (T fig. 9)
-        n = len(task.initial_states()) * task.episode_steps
-        state = rng.uniform(task.low, task.high, (n, len(task.low)))
-        action = rng.integers(len(task.actions), size=n)
-        following, reward, ended = task.step(state, action)
-        return Transitions(state, action, reward, following, ended, np.zeros(n, bool))
+        n = len(task.initial_states()) * about.episode_steps
+        state = rng.uniform(about.low, about.high, (n, about.n_dims))
+        action = rng.integers(about.n_actions, size=n)
+        next_state, reward, ended = task.step(state, action)
+        return Transitions(state, action, reward, next_state, ended, np.zeros(n, bool))
     if source not in SOURCES:
         raise InputError(f"sample set is {source!r}; allowed: {', '.join(SOURCES)}")
-    if path := bag(source, task.name):
-        return _read(path, task.name, task.joints)
+    if path := bag(source, task.description.name):
+        return _read(path, task.description)
     number = int(source[4:-1])
     return demonstrate(task, *MODES[number], _REPEATS_SEED + number)
 
@@ -92,7 +93,9 @@ def demonstrate(task: Task, mode: str, corruption: float, seed: int) -> Transiti
         if seen.step == 0:
             pilot.begin()
         action = pilot.act(seen.state)
-        return int(rng.integers(len(task.actions))) if rng.random() < corruption else action
+        return (
+            int(rng.integers(task.description.n_actions)) if rng.random() < corruption else action
+        )
 
     return _flown(task, np.random.default_rng([seed, 0]), choose)
 
@@ -107,16 +110,11 @@ def _flown(
         seen = world.begin(episode)
         while not seen.last:
             after = world.move(episode, choose(seen))
-            rows.append(
-                Transition(
-                    seen.state, after.action, after.reward, after.state, after.terminated,
-                    after.truncated,
-                )
-            )  # fmt: skip
+            rows.append(transition_between(seen, after))
             seen = after
-    return Transitions.of(rows, len(task.low))
+    return Transitions.of(rows, task.description.n_dims)
 
 
 @cache
-def _read(path: Path, task: str, joints: tuple[str, ...]) -> Transitions:
-    return read_demonstration(path, task, joints).transitions(2 * len(joints))
+def _read(path: Path, task: TaskDescription) -> Transitions:
+    return read_demonstration(path, task).transitions()

@@ -48,14 +48,14 @@ def spread(setting: Spread, seed: int) -> Mapping[str, Any]:
     """
     taken = _taken(setting.source, seed)
     task, angle = _HANGING, taken.state[:, 0]
-    low, high = np.array(task.low), np.array(task.high)
+    low, high = np.array(task.description.low), np.array(task.description.high)
     box = np.clip((taken.state - low) / (high - low) * _BOXES, 0, _BOXES - 1).astype(int)
     key = (taken.action * _BOXES + box[:, 0]) * _BOXES + box[:, 1]
     changes = np.count_nonzero(np.diff(taken.action)) + 1
     return {
         "state": taken.state,
         "action": taken.action,
-        "visited": len(np.unique(key)) / (len(task.actions) * _BOXES**2),
+        "visited": len(np.unique(key)) / (task.description.n_actions * _BOXES**2),
         "above": float(np.mean(np.abs(angle) < np.pi / 2)),
         "streak": len(taken) / changes,
         "n": len(taken),

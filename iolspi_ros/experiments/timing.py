@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from iolspi_ros.core.learner_settings import LearnerSettings
+from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.experiments.headless import Listener, train
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.world import World, WorldSettings
 
 
-def timed(setting: LearnerSettings, seed: int) -> Mapping[str, Any]:
+def timed(setting: LSPISettings, seed: int) -> Mapping[str, Any]:
     """1,000 episodes of the slung load from nothing, when everything is compiled (T Table 3).
 
     Returns
@@ -25,7 +25,7 @@ def timed(setting: LearnerSettings, seed: int) -> Mapping[str, Any]:
     """
     task: Any = SlungLoad()
     for episodes in (2, 1000):
-        core = OnlineLSPI(setting, np.random.default_rng([seed, 1]))
+        core = OnlineLSPI(task.description, setting, np.random.default_rng([seed, 1]))
         world = World(task, WorldSettings(), np.random.default_rng([seed, 0]))
         begin = time.perf_counter()
         train(world, core, episodes, Listener())

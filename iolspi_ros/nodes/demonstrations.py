@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from iolspi_ros import wire
 from iolspi_ros.core.samples import Sample, Transitions
+from iolspi_ros.task import TaskDescription
 
 PATIENCE = 2.0
 """Seconds without a new sample after which those still missing are given up."""
@@ -21,11 +21,11 @@ class Demonstrations:
 
     Parameters
     ----------
-    joints : sequence of str
+    task : TaskDescription
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        self._rows = wire.SampleRows(joints)
+    def __init__(self, task: TaskDescription) -> None:
+        self._rows = wire.SampleRows(task.names)
         self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
         self._samples: dict[bytes, Sample] = {}
         self._running: set[bytes] = set()  # of the demonstration that is under way

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import sys
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
-from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Sample
-from iolspi_ros.nodes.flight import Flight, FlightSettings
-from iolspi_ros.nodes.player import Player, PlayerSettings
-from iolspi_ros.nodes.stick import StickSettings
+from iolspi_ros.errors import InputError
+from iolspi_ros.managed import ManagedNode
+from iolspi_ros.nodes.control_loop import no_vehicle
+from iolspi_ros.nodes.joystick import JoystickSettings
+from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
+from iolspi_ros.nodes.teleop import Teleop, TeleopSettings
+from iolspi_ros.runtime import RCLError
 from iolspi_ros.settings import Settings, setting
-from sim_nodes.pilots import PilotSettings
+from iolspi_ros.task import TaskDescription
+from iolspi_ros.vehicle_topics import TaskListener
+from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.tasks import task_class
 
 PILOTS = {
@@ -34,48 +40,129 @@ PILOTS = {
 class DemonstratorSettings(Settings):
     """Who demonstrates, and where it is recorded."""
 
-    task: str = setting("pendulum", "the task that is demonstrated")
     source: str = setting(
         "bag", "a bag, a joystick or the scripted pilot", choices=("bag", "joy", "scripted")
+    )
+    model: str = setting(
+        "", "scripted: the registered task, or module:Class, whose pilot flies; else the vehicle's"
     )
     record: str = setting("", "bag to record to; empty for none")
 
 
-class Demonstrator(Node):
+class Demonstrator(ManagedNode):
     """Publishes `sample` and `demonstration`; flying, takes `state`, `reward`, gives `action`."""
 
-    def __init__(self) -> None:
-        super().__init__("demonstrator")
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        super().__init__("demonstrator", arguments)
         self.settings = parameters.declare(self, DemonstratorSettings)
-        flight = parameters.declare(self, FlightSettings, ("corruption",))
+        self._teleop_settings = parameters.declare(self, TeleopSettings, ("corruption",))
         self._pilot = parameters.declare(self, PilotSettings)
-        stick = parameters.declare(self, StickSettings)
-        player = parameters.declare(self, PlayerSettings)
-        parameters.check_changes(self, FlightSettings)
-        parameters.warn_unknown(self)
-        self.task = task_class(self.settings.task)()
-        self._rows = wire.SampleRows(self.task.joints)
-        self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
+        self._joystick = parameters.declare(self, JoystickSettings)
+        self._player_settings = parameters.declare(self, PlayerSettings)
+        parameters.check_changes(self, TeleopSettings)
+        parameters.warn_unknown(self, ("task",))
+        self._waiting: deque[Any] = deque()
+        self._bag: bags.BagWriter | None = None
+        self._work: Player | Teleop | None = None
+        self._watch: Any = None
+        self._sent = 0
+
+    # ------------------------------------------------------------ managed
+
+    def configure(self) -> None:
+        """Listen for a task; what is demonstrated follows then."""
+        if self.settings.source == "bag":
+            check_bags(self._player_settings)
         self._sample_out = self.create_publisher(Float64MultiArray, "sample", qos.SAMPLES)
         self._demonstration_out = self.create_publisher(
             Float64MultiArray, "demonstration", qos.LATCHED
         )
-        self._sent = 0
         self._last = (0, 0, 0)  # episode, step and stamp of the last sample
-        self._waiting: deque[Any] = deque()
-        self._bag: bags.BagWriter | None = None
-        runtime.wall_timer(self, 0.05, self.flush)
-        if self.settings.source == "bag":
-            self._origin = PILOTS["bag"] + ", ".join(player.bags)
-            self._player = Player(self, player)
-        else:
-            self._origin = PILOTS[self.settings.source]
-            self._flight = Flight(self, flight, self._pilot, stick)
+        self._flushing = runtime.wall_timer(self, 0.05, self.flush)
+        self._listener = TaskListener(self, self._on_task, self._on_conflict)
+
+    def activate(self) -> None:
+        """Demonstrate, as soon as there is a vehicle."""
+        timeout = self._teleop_settings.vehicle_timeout
+        if self._work is not None:
+            self._work.resume()
+        elif timeout:
+            self._watch = runtime.wall_timer(self, timeout, self._check_vehicle)
+
+    def deactivate(self) -> None:
+        """Pause."""
+        if self._work is not None:
+            self._work.pause()
+
+    def cleanup(self) -> None:
+        """End the demonstration as it is, and forget the vehicle."""
+        self.close()
+        if self._work is not None:
+            self._work.close()
+        self._work = None
+        self._listener.close()
+        self.destroy_timer(self._flushing)
+        self.destroy_publisher(self._sample_out)
+        self.destroy_publisher(self._demonstration_out)
+
+    def _on_task(self, task: TaskDescription) -> None:
+        """Make what demonstrates: there is a vehicle."""
+        try:
+            given = self.given.get("task", task.name)
+            if given != task.name:
+                raise InputError(
+                    f"parameter task is {given!r} in what the demonstrator was given, and "
+                    f"{task.name!r} in the task of the vehicle on {self._listener.topic}; "
+                    "allowed: the same, or leave it out"
+                )
+            self.task, self._rows = task, wire.SampleRows(task.names)
+            self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
+            if self.settings.source == "bag":
+                self._origin = PILOTS["bag"] + ", ".join(self._player_settings.bags)
+                self._work = Player(self, self._player_settings)
+            else:
+                self._origin = PILOTS[self.settings.source]
+                self._work = Teleop(
+                    self, self._teleop_settings, self._scripted(task), self._joystick
+                )
+        except InputError as error:
+            self.fail(error)
+            return
+        if self.active:
+            self._work.resume()
+
+    def _scripted(self, task: TaskDescription) -> ScriptedPilot | None:
+        """The scripted pilot, when that is who flies."""
+        if self.settings.source != "scripted":
+            return None
+        vehicle = task_class(self.settings.model or task.name)()
+        vehicle.description.check_same(task, "the model that the pilot knows", "the vehicle")
+        rng = np.random.default_rng([self._teleop_settings.seed, 2])
+        return ScriptedPilot(vehicle, self._pilot, rng)
+
+    def _on_conflict(self, text: str) -> None:
+        """Somebody says that the task is another one: demonstrate no more."""
+        self.get_logger().error(f"{text}; nothing is demonstrated from now on")
+        if self._work is not None:
+            self._work.pause()
+
+    def _check_vehicle(self) -> None:
+        self._watch.cancel()
+        if self._work is None and self.active:
+            self.fail(no_vehicle(self._listener.topic, self._teleop_settings.vehicle_timeout))
+
+    # ------------------------------------------------------------ what demonstrates calls these
+
+    @property
+    def corruption(self) -> float:
+        """Probability that an action is replaced by a random one, as it is now."""
+        return float(self.get_parameter("corruption").value)
 
     def begin(self) -> None:
         """Start recording, if that is wanted, and say that a demonstration begins."""
         if self.settings.record:
             self._bag = bags.BagWriter(Path(self.settings.record).expanduser())
+            self.record("task", 0, wire.task_message(self.task))
         self._announce(active=True)
 
     def end(self) -> None:
@@ -130,15 +217,15 @@ class Demonstrator(Node):
         self._demonstration_out.publish(self._announcements.message(*values))
 
     def _card(self) -> dict[str, Any]:
-        card: dict[str, Any] = {"pilot": self._origin, "task": self.settings.task}
+        card: dict[str, Any] = {"pilot": self._origin, "task": self.task.name}
         if self.settings.source == "scripted":
             card |= asdict(self._pilot)
         if self.settings.source != "bag":
-            card["corruption"] = float(self.get_parameter("corruption").value)
+            card["corruption"] = self.corruption
             card["seed"] = int(self.get_parameter("seed").value)
         return card | {"samples": self._sent, "version": __version__}
 
 
 def main() -> int:
     """Run the demonstrator."""
-    return runtime.main(Demonstrator, "demonstrator", sys.argv)
+    return runtime.main(Demonstrator, "demonstrator")

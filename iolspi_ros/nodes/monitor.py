@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -20,19 +19,16 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.bags import BagWriter
-from iolspi_ros.core.refresh import Judgement
 from iolspi_ros.core.samples import Array, Observation, Transition, Transitions
-from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.errors import InputError
-from iolspi_ros.experiments.history import Episode, History, Policy
+from iolspi_ros.experiments.history import EpisodeRecord, History, PolicyRecord
 from iolspi_ros.pairing import Pairer
-from sim_nodes.tasks.base import Task
+from iolspi_ros.task import TaskDescription
 
 
 class Monitor(Node):
@@ -40,15 +36,15 @@ class Monitor(Node):
 
     Parameters
     ----------
-    task : Task
+    task : TaskDescription
     bag : BagWriter, optional
         Where to record; nowhere by default.
     """
 
-    def __init__(self, task: Task, bag: BagWriter | None = None) -> None:
+    def __init__(self, task: TaskDescription, bag: BagWriter | None = None) -> None:
         super().__init__("monitor")
         self.demonstrated: list[Transition] = []
-        self.episodes: list[Episode] = []
+        self.episodes: list[EpisodeRecord] = []
         self.scores: list[float] = []
         self.conditions: dict[str, dict[str, str]] = {}
         """What each node said last on /diagnostics, by its name there."""
@@ -56,7 +52,7 @@ class Monitor(Node):
         self.missed = 0  # observations that did not reach this recorder
         self._interrupted = False
         self._heard: dict[str, Subscription] = {}
-        self._dt = task.dt
+        self._task = task
         self._bag = bag
         self._stamp = 0
         self._newest = (-1, -1)
@@ -64,13 +60,14 @@ class Monitor(Node):
         self._ended = 0
         self._weights: dict[int, Array] = {}
         self._updates: dict[int, dict[str, float]] = {}
-        self._pairer = Pairer(task.joints, qos.RECORDING.depth)
-        self._samples = wire.SampleRows(task.joints)
+        self._pairer = Pairer(task, qos.RECORDING.depth)
+        self._samples = wire.SampleRows(task.names)
         self._scores = wire.Rows("score", wire.SCORE)
         self._update_rows = wire.Rows("update", wire.UPDATE)
         self._executor = runtime.executor()
         self._executor.add_node(self)
-        self.listen("state", JointState, self._on_state)
+        self.listen("task", String, self._on_task, qos.TASK)
+        self.listen("state", wire.states(task).type, self._on_state)
         self.listen("reward", Float64MultiArray, self._on_reward)
         self.listen("action", Float64MultiArray, lambda message: None)
         self.listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
@@ -195,28 +192,32 @@ class Monitor(Node):
         offline = self._updates.get(0)
         first = offline["online_steps"] if offline else 0.0
         policies = [
-            Policy(
-                number=number,
-                time=(row["online_steps"] - first) * self._dt,
-                weights=self._weights[number],
-                condition=row["condition"],
-                status=STATUSES[int(row["status"])],
-                judgement=_judgement(row),
-            )
+            self._record(number, row, first)
             for number, row in sorted(self._updates.items())
             if number in self._weights
         ]
         if not policies and self._weights:  # learned before, and not since
             number = max(self._weights)
-            policies.append(Policy(number, 0.0, self._weights[number], math.nan, STATUSES[0]))
+            policies.append(PolicyRecord(number, 0.0, self._weights[number]))
         return History(
-            dt=self._dt,
-            taught=Transitions.of(self.demonstrated, self._samples.n_dims),
+            sampling_time=self._task.sampling_time,
+            demonstrations=Transitions.of(self.demonstrated, self._samples.n_dims),
             episodes=self.episodes[:learned],
             scores=self.scores[:learned],
             policies=policies,
             shown=self.episodes[learned:],
             offline=self._offline,
+        )
+
+    def _record(self, number: int, row: dict[str, float], first: float) -> PolicyRecord:
+        """A policy, from what the learner said of its update."""
+        return PolicyRecord(
+            number=number,
+            time=(row["online_steps"] - first) * self._task.sampling_time,
+            weights=self._weights[number],
+            accepted=row["accepted"] > 0.5,
+            healthy=row["healthy"] > 0.5,
+            facts={name: value for name, value in row.items() if name not in wire.UPDATE},
         )
 
     def listen(
@@ -237,6 +238,10 @@ class Monitor(Node):
 
         self._heard[topic] = self.create_subscription(kind, topic, receive, profile, raw=True)
 
+    def _on_task(self, message: Any) -> None:
+        described = wire.read_task(message, f"topic {self.resolve_topic_name('task')}")
+        self._task.check_same(described, "this command", "the vehicle")
+
     def _on_state(self, message: Any) -> None:
         self._note(self._pairer.state(message))
 
@@ -253,7 +258,7 @@ class Monitor(Node):
         self._newest = key
         if observation.episode != self._episode:
             self._episode = observation.episode
-            self.episodes.append(Episode())
+            self.episodes.append(EpisodeRecord())
         self.missed += self.episodes[-1].take(observation)
         self._ended = self._ended + observation.last
 
@@ -264,7 +269,7 @@ class Monitor(Node):
         self.scores.append(self._scores.read(message)[4])
 
     def _on_update(self, message: Any) -> None:
-        row = dict(zip(wire.UPDATE, self._update_rows.read(message), strict=True))
+        row = self._update_rows.read_all(message)
         self._updates[int(row["number"])] = row
 
     def _on_diagnostics(self, message: Any) -> None:
@@ -282,17 +287,8 @@ class Monitor(Node):
         return len(self._updates)
 
 
-def _judgement(row: dict[str, float]) -> Judgement | None:
-    if not row["policies"]:
-        return None
-    return Judgement(
-        int(row["policies"]), row["predicted"], row["predicted_before"], row["delta"],
-        int(row["refused"]),
-    )  # fmt: skip
-
-
 @contextmanager
-def watching(task: Task, bag: BagWriter | None = None) -> Iterator[Monitor]:
+def watching(task: TaskDescription, bag: BagWriter | None = None) -> Iterator[Monitor]:
     """A monitor in this process; a Ctrl-C ends its `wait` with KeyboardInterrupt."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     monitor = Monitor(task, bag)

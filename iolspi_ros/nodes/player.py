@@ -5,16 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from iolspi_ros import runtime, wire
 from iolspi_ros.bags import numbered_through, read_demonstration
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
+from iolspi_ros.nodes.samples_out import SamplesOut
 from iolspi_ros.settings import Settings, setting
-
-if TYPE_CHECKING:
-    from iolspi_ros.nodes.demonstrator import Demonstrator
 
 SLICE = 500
 """Samples sent in one go, so that signals and services are heard in between."""
@@ -41,7 +39,7 @@ class Player:
 
     Parameters
     ----------
-    node : Demonstrator
+    node : SamplesOut
     settings : PlayerSettings
 
     Raises
@@ -50,18 +48,35 @@ class Player:
         When a bag cannot be used.
     """
 
-    def __init__(self, node: Demonstrator, settings: PlayerSettings) -> None:
+    def __init__(self, node: SamplesOut, settings: PlayerSettings) -> None:
         self._node, self._settings = node, settings
         self._samples = _read(node, settings)
         self._next = 0
         self._start = time.monotonic()
+        self._playing = self._begun = False
         self._timer = runtime.wall_timer(node, 0.02, self._play)
 
+    def resume(self) -> None:
+        """Play, or go on."""
+        self._playing, self._start = True, time.monotonic()
+        self._first = self._next
+
+    def pause(self) -> None:
+        """Play nothing for now."""
+        self._playing = False
+
+    def close(self) -> None:
+        """Stop for good."""
+        self._node.destroy_timer(self._timer)
+
     def _play(self) -> None:
-        if self._next == 0:
+        if not self._playing:
+            return
+        if not self._begun:
             if self._node.listeners() < self._settings.listeners:
                 self._check_patience()
                 return
+            self._begun = True
             self._node.begin()
             self._start = time.monotonic()
         if not self._node.flush():
@@ -77,24 +92,37 @@ class Player:
     def _check_patience(self) -> None:
         timeout = self._settings.learner_timeout
         if timeout and time.monotonic() - self._start > timeout:
-            raise InputError(
-                f"nobody listens on {self._node.resolve_topic_name('sample')} after {timeout:g} s; "
-                "start a learner in the same ROS_DOMAIN_ID, or set the parameter learner_timeout "
-                "to 0.0 to wait for ever"
+            topic = self._node.resolve_topic_name("sample")
+            self._node.fail(
+                InputError(
+                    f"nobody listens on {topic} after {timeout:g} s; start a learner in the same "
+                    "ROS_DOMAIN_ID, or set the parameter learner_timeout to 0.0 to wait for ever"
+                )
             )
 
     def _due(self, sample: Sample) -> bool:
         if self._settings.rate == 0.0:
             return True
-        recorded = (sample.stamp - self._samples[0].stamp) / wire.NANOSECONDS
+        recorded = (sample.stamp - self._samples[self._first].stamp) / wire.NANOSECONDS
         return (time.monotonic() - self._start) * self._settings.rate >= recorded
 
 
-def _read(node: Demonstrator, settings: PlayerSettings) -> list[Sample]:
+def check_bags(settings: PlayerSettings) -> list[Path]:
+    """Paths of the bags.
+
+    Raises
+    ------
+    InputError
+        When none are given.
+    """
     paths = [Path(path).expanduser() for path in settings.bags if path]
     if not paths:
         raise InputError("parameter bags is empty; allowed: paths of rosbag2 directories")
-    demonstrations = [read_demonstration(p, node.task.name, node.task.joints) for p in paths]
+    return paths
+
+
+def _read(node: SamplesOut, settings: PlayerSettings) -> list[Sample]:
+    demonstrations = [read_demonstration(path, node.task) for path in check_bags(settings)]
     for demonstration in demonstrations:
         n, path = len(demonstration.samples), demonstration.path
         for note in demonstration.notes:

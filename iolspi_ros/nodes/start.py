@@ -8,6 +8,8 @@ import os
 import signal
 import sys
 
+from iolspi_ros.process import prepare
+
 NODES = {
     "simulator": "sim_nodes.simulator",
     "demonstrator": "iolspi_ros.nodes.demonstrator",
@@ -23,6 +25,7 @@ PARENT = "IOLSPI_PARENT"
 def start(node: str) -> int:
     """Import and run a node; until it runs, SIGINT and SIGTERM end the process with 0."""
     follow_parent()
+    prepare()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
     return int(importlib.import_module(NODES[node]).main())

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from iolspi_ros.core.checkpoint import atomic_file
-from sim_nodes.pictures import Picture
+from sim_nodes.tasks.shapes import Picture
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:60rem;

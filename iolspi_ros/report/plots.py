@@ -7,21 +7,37 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
+from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, hsv_to_rgb, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from iolspi_ros.experiments.evaluate import Policy, endings
-from iolspi_ros.experiments.history import Episode
+from iolspi_ros.experiments.history import EpisodeRecord
+from iolspi_ros.task import TaskDescription
 from sim_nodes import pictures
+from sim_nodes.tasks import shapes
 from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
+Limits = tuple[tuple[float, float], tuple[float, float]]
 
 INK, ACCENT, REFERENCE, FAINT = "#1f2933", "#0b7285", "#c92a2a", "#adb5bd"
 _ENDING_COLOURS = ("#adb5bd", "#0b7285", "#e8590c", "#c92a2a", "#862e9c")
 _ACTION_COLOURS = ("#3b6fb6", "#e9ecef", "#d9822b", "#5f3dc4", "#2b8a3e")
+_STYLES = ("-", "--", "-.", ":")
+
+
+def _colours(few: Sequence[str], count: int) -> list[str]:
+    """So many colours that can be told apart: the few, or else one round of the circle of hues.
+
+    Neighbours of many hues differ in lightness, too.
+    """
+    if count <= len(few):
+        return list(few[:count])
+    hues = np.linspace(0.0, 1.0, count, endpoint=False)
+    light = np.resize([0.95, 0.6, 0.8], count)
+    return [to_hex(colour) for colour in hsv_to_rgb(np.stack([hues, 0.8 + 0 * hues, light], 1))]
 
 
 def _axes(title: str, x: str, y: str, size: tuple[float, float] = (8.0, 3.6)) -> Axes:
@@ -79,7 +95,7 @@ class Curve(NamedTuple):
     successes: list[float]
 
 
-def discounted_return(curves: Sequence[Curve], best: float) -> Figure:
+def discounted_return(curves: Sequence[Curve], best: float | None) -> Figure:
     """Discounted returns of intermediate policies over time, beside the near-optimal one.
 
     The first curve stands out.
@@ -87,7 +103,8 @@ def discounted_return(curves: Sequence[Curve], best: float) -> Figure:
     axes = _axes(
         "Discounted return of the intermediate policies", "vehicle time [s]", "discounted return"
     )
-    axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
+    if best is not None:
+        axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
     _draw(axes, [(curve.label, curve.times, curve.returns) for curve in curves])
     axes.legend(frameon=False, loc="lower right")
     if best:
@@ -118,43 +135,67 @@ def solve_condition(times: Sequence[float], conditions: Sequence[float]) -> Figu
     return _figure(axes)
 
 
-def policy_maps(task: Task, learned: Policy, best: Policy, points: int = 181) -> Figure:
-    """Greedy action over the two state variables that the task pictures, learned and best."""
-    x, y = (np.linspace(task.low[d], task.high[d], points) for d in task.pictured)
-    states = np.zeros((points * points, len(task.low)))
-    states[:, task.pictured] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+def policy_maps(
+    task: TaskDescription, policies: Sequence[tuple[str, Policy]], limits: Limits, points: int = 181
+) -> Figure:
+    """Greedy actions over the two variables of the task's maps, of one policy or several.
+
+    Parameters
+    ----------
+    task : TaskDescription
+    policies : sequence of (str, callable)
+        Each with its title.
+    limits : ((x, x), (y, y))
+        Of the map; the other variables are zero there.
+    points : int
+        Each way.
+    """
+    x, y = (np.linspace(*limit, points) for limit in limits)
+    states = np.zeros((points * points, task.n_dims))
+    states[:, task.map_dims] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     figure = Figure(figsize=(8.0, 3.8), layout="constrained")
-    colours = ListedColormap(_ACTION_COLOURS[: len(task.actions)])
-    edges = BoundaryNorm(np.arange(len(task.actions) + 1) - 0.5, len(task.actions))
-    panels = figure.subplots(1, 2, sharey=True)
-    for axes, policy, title in zip(
-        panels, (learned, best), ("Learned policy", "Near-optimal policy"), strict=True
-    ):
-        _label(axes, title, *_pictured_axes(task, axes is panels[0]))
+    colours = ListedColormap(_colours(_ACTION_COLOURS, task.n_actions))
+    edges = BoundaryNorm(np.arange(task.n_actions + 1) - 0.5, task.n_actions)
+    panels = figure.subplots(1, len(policies), sharey=True, squeeze=False)[0]
+    for axes, (title, policy) in zip(panels, policies, strict=True):
+        _label(axes, title, *_map_axes(task, axes is panels[0]))
         chosen = policy(states).reshape(points, points)
         image = axes.pcolormesh(x, y, chosen, cmap=colours, norm=edges, rasterized=True)
         axes.grid(False)
-    bar = figure.colorbar(image, ax=panels, ticks=range(len(task.actions)), shrink=0.8)
-    bar.set_ticklabels(task.action_names)
+    bar = figure.colorbar(image, ax=panels, ticks=range(task.n_actions), shrink=0.8)
+    bar.set_ticklabels([action.name for action in task.actions])
     return figure
 
 
-def _pictured_axes(task: Task, leftmost: bool) -> tuple[str, str]:
-    x, y = (task.axes[d] for d in task.pictured)
+def _map_axes(task: TaskDescription, leftmost: bool) -> tuple[str, str]:
+    x, y = (task.variables[d].axis for d in task.map_dims)
     return x, y if leftmost else ""
 
 
-def visit_maps(task: Task, demonstrated: Array, online: Array, bins: int = 60) -> Figure:
+def map_limits(task: TaskDescription, states: Array) -> Limits:
+    """Limits of the task's maps; where a variable has none, those of some states."""
+    found = []
+    for d in task.map_dims:
+        low, high = task.low[d], task.high[d]
+        seen = states[:, d] if len(states) else np.zeros(1)
+        low = low if np.isfinite(low) else float(seen.min())
+        high = high if np.isfinite(high) else float(seen.max())
+        found.append((low, high) if low < high else (low - 1.0, low + 1.0))
+    return found[0], found[1]
+
+
+def visit_maps(
+    task: TaskDescription, demonstrated: Array, online: Array, limits: Limits, bins: int = 60
+) -> Figure:
     """Where the demonstrated and the online samples lie."""
     figure = Figure(figsize=(8.0, 3.8), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
-    limits = [[task.low[d], task.high[d]] for d in task.pictured]
     for axes, states, title in zip(
         panels, (demonstrated, online), ("Demonstrated", "Online"), strict=True
     ):
-        labels = _pictured_axes(task, axes is panels[0])
+        labels = _map_axes(task, axes is panels[0])
         _label(axes, f"{title}: {len(states)} states", *labels)
-        across, up = states[:, task.pictured].T
+        across, up = states[:, task.map_dims].T
         counts, x, y = np.histogram2d(across, up, bins=bins, range=limits)
         axes.pcolormesh(
             x, y, np.where(counts > 0, counts, np.nan).T,
@@ -163,37 +204,40 @@ def visit_maps(task: Task, demonstrated: Array, online: Array, bins: int = 60) -
     return figure
 
 
-def positions(task: Task, episodes: Sequence[Array], title: str) -> Figure:
+def positions(task: TaskDescription, episodes: Sequence[Array], title: str) -> Figure:
     """First state variable of some episodes over time, a faint line each."""
-    axes = _axes(title, "time in the episode [s]", task.axes[0])
+    axes = _axes(title, "time in the episode [s]", task.variables[0].axis)
     for states in episodes:
-        time = task.dt * np.arange(len(states))
+        time = task.sampling_time * np.arange(len(states))
         value = np.array(states)[:, 0]
         if task.periodic[0]:
-            jumps = np.abs(np.diff(value, prepend=value[0])) > np.pi
+            period = task.high[0] - task.low[0]
+            jumps = np.abs(np.diff(value, prepend=value[0])) > period / 2
             value = np.where(jumps, np.nan, value)
         axes.plot(time, value, color=ACCENT, alpha=0.45, lw=1.2)
     axes.axhline(0.0, color=REFERENCE, lw=1)
     return _figure(axes)
 
 
-def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
-    """Ways in the task's plane, one for each episode, among the things that stand there."""
+def trails(model: Task, episodes: Sequence[EpisodeRecord], title: str) -> Figure:
+    """Ways in the vehicle's plane, one for each episode, among the things that stand there."""
+    task = model.description
     axes = _axes(title, "x [m]", "z [m], upwards", (8.0, 2.8))
-    for shape in pictures.picture(task, np.zeros(len(task.low))):
-        if shape.kind == pictures.BOX and shape.name != "quadrotor":
+    still = [pictures.picture(model, np.array(episodes[0].states[k])) for k in (0, -1)]
+    for shape, later in zip(*still, strict=True):
+        if shape.kind == shapes.BOX and shape == later:  # what does not move
             (x, _, z), (wide, _, high) = shape.points[0], shape.size
             corner = (x - wide / 2, z - high / 2)
             axes.add_patch(Rectangle(corner, wide, high, color=shape.colour))
-    ends = endings(task, episodes)
+    colours = _colours(_ENDING_COLOURS, len(task.endings))
     shown = set()
-    for episode, end in zip(episodes, ends, strict=True):
-        way = pictures.trail(task, np.array(episode.states), episode.rewards[-1])
+    for episode, end in zip(episodes, endings(task, episodes), strict=True):
+        way = pictures.trail(model, np.array(episode.states), episode.rewards[-1])
         if way is None:
             continue
-        label = None if end in shown else task.endings[end]
+        label = None if end in shown else task.endings[end].name
         shown.add(end)
-        axes.plot(*way.T, color=_ENDING_COLOURS[end], alpha=0.35, lw=1.0, label=label)
+        axes.plot(*way.T, color=colours[end], alpha=0.35, lw=1.0, label=label)
         axes.plot(*way[0], ".", color=INK, ms=2)
     axes.set_aspect("equal")
     axes.set_xlim(task.low[0] - 0.3, task.high[0] + 0.3)
@@ -202,14 +246,18 @@ def trails(task: Task, episodes: Sequence[Episode], title: str) -> Figure:
     return _figure(axes)
 
 
-def ending_shares(task: Task, ends: NDArray[np.int64], window: int) -> Figure:
+def ending_shares(task: TaskDescription, ends: NDArray[np.int64], window: int) -> Figure:
     """Shares of the ways in which episodes ended, over a moving window of episodes."""
     axes = _axes(
         f"How episodes ended while learning, mean of {window}", "episode", "share of episodes"
     )
-    for way, name in enumerate(task.endings):
+    colours = _colours(_ENDING_COLOURS, len(task.endings))
+    for way, ending in enumerate(task.endings):
         share = np.convolve(ends == way, np.ones(window) / window, "valid")
-        axes.plot(np.arange(len(share)) + window, share, color=_ENDING_COLOURS[way], label=name)
+        axes.plot(
+            np.arange(len(share)) + window, share, _STYLES[way % len(_STYLES)],
+            color=colours[way], label=ending.name,
+        )  # fmt: skip
     axes.set_ylim(-0.02, 1.02)
-    axes.legend(frameon=False, ncols=len(task.endings), fontsize=8)
+    axes.legend(frameon=False, ncols=min(len(task.endings), 5), fontsize=8)
     return _figure(axes)

@@ -1,70 +1,44 @@
-"""What every task offers: a Markov decision process as pure functions on arrays."""
+"""What every vehicle offers: a Markov decision process as pure functions on arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.task import TaskDescription
+
 Array = NDArray[np.float64]
+
+G = 9.81
+"""Gravitational acceleration [m/s²]."""
+USUAL_EPISODES = 200
 
 
 class Task(Protocol):
     """A Markov decision process with a list of actions.
 
-    A state is the position and velocity of each joint in turn: [q_1, q̇_1, q_2, q̇_2, …], in SI
-    units and radians. Nothing here keeps a state or a random generator; every function takes
-    one state, shape (n_dims,), or many, shape (n, n_dims).
+    A state has the variables of the description, in its order, in SI units and radians. Nothing
+    here keeps a state or a random generator; every function takes one state, shape (n_dims,), or
+    many, shape (n, n_dims). A class registered in the entry-point group `iolspi_ros.tasks`, or
+    named as `module:Class`, is made without arguments; when it is a settings dataclass, its fields
+    are parameters of the simulator.
+
+    What a task may have besides, and what goes without it:
+
+    - `compiled`, `parameters(time)`: see `Compiled`; else training goes step by step.
+    - `succeeded(states, rewards)`: see `Judging`; else the endings say who succeeded.
+    - `reference_points`, `reference_lookahead`: see `Reference`; else reports have no baseline.
+    - `usual_episodes`: episodes in which it can be learned; else `USUAL_EPISODES`.
+    - `pilot(mode, rng)`: the law of a scripted pilot (`law.Law`), None for a mode it does not have.
+    - `picture(state)`: shapes for RViz, the animation of a report and the cockpit.
+    - `released(before, reward, times)` with `picture(state, released)`, and
+      `trail(states, reward)`: what falls after an episode's last step, and what to draw of it.
     """
 
-    name: str
-    joints: tuple[str, ...]
-    """Names of the joints, in the order of the state."""
-    actions: tuple[float, ...]
-    """Physical value of each action, in `action_unit`."""
-    action_unit: str
-    action_names: tuple[str, ...]
-    """The same for people."""
-    neutral: int
-    """Index of the action that does nothing."""
-    dt: float
-    """Sampling time T_s [s]."""
-    episode_steps: int
-    """Steps after which the clock cuts an episode."""
-    study: int
-    """Episodes in which the task can be learned: what a demo flies by default."""
-    gamma: float
-    """Discount factor of the return that is reported."""
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    """Limits of the states that occur, per dimension."""
-    periodic: tuple[bool, ...]
-    """Dimensions that wrap around from `high` to `low`."""
-    axes: tuple[str, ...]
-    """What each dimension of the state is, with its unit."""
-    pictured: tuple[int, int]
-    """The two dimensions over which maps are drawn; the others are zero there."""
-    success: str
-    """What an episode that reached its goal did, as in: all of them end upright."""
-    endings: tuple[str, ...]
-    """Ways in which an episode ends; the first is that the clock cut it."""
-    reference_points: tuple[int, ...]
-    """Grid points per dimension that the near-optimal policy takes."""
-    reference_lookahead: int
-    """Steps that it looks ahead on the model before it trusts these points."""
-    compiled: Callable[[Array, int, float, Array, Array], tuple[float, bool]]
-    """The dynamics, once and for all: a numba dispatcher to build compiled loops around.
-
-    `compiled(state, action, noise, parameters(time), following)` takes one state, shape
-    (n_dims,), writes the next into `following` and returns (reward, terminated). `action` is
-    not checked.
-    """
-
-    def parameters(self, time: float) -> Array:
-        """What `compiled` needs to know of the vehicle at a vehicle time [s], shape (p,)."""
-        ...
+    description: TaskDescription
 
     def step(
         self,
@@ -101,12 +75,45 @@ class Task(Protocol):
         """One initial condition at random, shape (n_dims,)."""
         ...
 
-    def ending(self, reward: Array, terminated: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Which of `endings` the last steps of episodes were, by what they gave; shape (n,)."""
+
+@runtime_checkable
+class Compiled(Protocol):
+    """A task with compiled dynamics.
+
+    `compiled(state, action, noise, parameters(time), next_state)` is a numba dispatcher: it takes
+    one state, shape (n_dims,), writes the next into `next_state` and returns (reward, terminated).
+    `action` is not checked.
+    """
+
+    compiled: Callable[[Array, int, float, Array, Array], tuple[float, bool]]
+
+    def parameters(self, time: float) -> Array:
+        """What `compiled` needs to know of the vehicle at a vehicle time [s], shape (p,)."""
         ...
 
+
+@runtime_checkable
+class Reference(Protocol):
+    """A task of which a near-optimal policy can be computed by dynamic programming.
+
+    Attributes
+    ----------
+    reference_points : tuple of int
+        Grid points per dimension.
+    reference_lookahead : int
+        Steps that the policy looks ahead on the model before it trusts these points.
+    """
+
+    reference_points: tuple[int, ...]
+    reference_lookahead: int
+
+
+@runtime_checkable
+class Judging(Protocol):
+    """A task that tells from the states whether the goal was reached, not from the ending."""
+
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
-        """Whether an episode reached its goal.
+        """Whether episodes reached their goal.
 
         Parameters
         ----------
@@ -137,6 +144,6 @@ def advance(
     """
     if state.ndim > 1:
         return many(state, action, noise, parameters)
-    following = np.empty(state.shape)
-    reward, terminated = one(state, int(action), float(noise), parameters, following)
-    return following, reward, terminated
+    next_state = np.empty(state.shape)
+    reward, terminated = one(state, int(action), float(noise), parameters, next_state)
+    return next_state, reward, terminated

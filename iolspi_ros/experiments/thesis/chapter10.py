@@ -69,7 +69,7 @@ def _tuning() -> list[Study]:
     decays = {
         name: Learning(replace(LITERAL, epsilon=1.0, epsilon_decay=d)) for name, d in DECAYS.items()
     }
-    discounts = {n: Learning(replace(LITERAL, gamma=g)) for n, g in DISCOUNTS.items()}
+    discounts = {n: Learning(gamma=g) for n, g in DISCOUNTS.items()}
     updates = tuple(
         replace(cell, seeds=_FEWER.get(cell.label, cell.seeds))
         for cell in curves.cells(intervals, ("K = 1000",))

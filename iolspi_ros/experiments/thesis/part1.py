@@ -187,11 +187,11 @@ def _history_rows(data: Data) -> Rows:
     """Every third step of the first realisation."""
     found: Rows = []
     for label, cell in data.items():
-        dt = HANGING.dt
+        dt = HANGING.description.sampling_time
         for episode, angle, reward in zip(
             cell["episode"][0], cell["angle"][0], cell["reward"][0], strict=True
         ):
-            begin = episode * HANGING.episode_steps * dt
+            begin = episode * HANGING.description.episode_steps * dt
             found += [
                 {"run": label, "episode": int(episode), "x": begin + k * dt,
                  "angle": angle[k], "reward": reward[k]}

@@ -1,11 +1,11 @@
-"""Everything a learner takes, each with its default and what it may be."""
+"""Everything that least-squares policy iteration takes, each with its default and range."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iolspi_ros.core.buffer import Buffer, Cells
 from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
@@ -13,18 +13,22 @@ from iolspi_ros.core.moments import SCALINGS
 from iolspi_ros.core.shield import Shield
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
+from iolspi_ros.task import TaskDescription
 
 ALGORITHMS = ("refreshed", "literal")
 
 CELLS_PER_CENTER = 2
 """Boxes of the buffer along a dimension, for each of its centres."""
+MOST_CENTERS, LEAST_CENTERS, USUAL_SIZE = 11, 3, 600
+"""Of a grid whose centres nobody gave: per dimension, and functions in all."""
 
 
 @dataclass(frozen=True)
-class LearnerSettings(Settings):
+class LSPISettings(Settings):
     """Everything that T Algorithms 1 and 2 and their refreshed form take, and the features.
 
-    Units: SI and radians, those of the state.
+    Units: SI and radians, those of the state. What is empty by default comes from the task, by
+    `resolve`.
     """
 
     algorithm: str = setting(
@@ -32,15 +36,16 @@ class LearnerSettings(Settings):
         "keep samples and judge policies, or T Algorithm 2 to the letter",
         choices=ALGORITHMS,
     )
-    n_actions: int = setting(3, "number of actions", low=1, high=1000)
     basis: str = setting(
         "rbf", "radial basis functions (T 9-1) or Chebyshev polynomials (T 4-1-2)", choices=BASES
     )
-    low: tuple[float, ...] = setting((-np.pi, -15 * np.pi), "lower limits of the grid of centres")
-    high: tuple[float, ...] = setting((np.pi, 15 * np.pi), "upper limits of the grid of centres")
-    centers: tuple[int, ...] = setting((11, 11), "centres per dimension (T IV-A)", low=1)
+    low: tuple[float, ...] = setting((), "lower limits of the grid of centres; else the task's")
+    high: tuple[float, ...] = setting((), "upper limits of the grid of centres; else the task's")
+    centers: tuple[int, ...] = setting(
+        (), "centres per dimension (T IV-A); else by their number", low=1
+    )
     periodic: tuple[bool, ...] = setting(
-        (True, False), "dimensions in which high is low again, one for all or each; T: false"
+        (), "dimensions in which high is low again, one for all or each; else the task's; T: false"
     )
     normalisation: str = setting(
         "asymmetric", "scaling of the dimensions, T 9-1-2, 9-1-3 or 8-1", choices=NORMALISATIONS
@@ -49,8 +54,6 @@ class LearnerSettings(Settings):
         1.0, "width of a function in spacings of the centres", low=0.0, low_open=True
     )
     constant: bool = setting(False, "rbf: a function that is 1 everywhere besides (T Eq. 8-2)")
-    gamma: float = setting(0.98, "discount factor", low=0.0, high=1.0, high_open=True)
-    sampling_time: float = setting(0.005, "T_s [s]", low=0.0, low_open=True)
     epsilon: float = setting(0.2, "exploration rate, or where it starts", low=0.0, high=1.0)
     epsilon_decay: float = setting(
         1.0, "factor on the exploration rate per second (T Eq. 14)", low=0.0, high=1.0
@@ -90,8 +93,9 @@ class LearnerSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.features()  # the grid checks itself
-        low, high = self._envelope()
+        if self.low and self.high and self.centers:
+            self.features()  # the grid checks itself
+        low, high = np.broadcast_arrays(np.array(self.envelope_low), np.array(self.envelope_high))
         if not (low < high).all():
             raise InputError(
                 f"envelope_low is {self.envelope_low}, envelope_high {self.envelope_high}; "
@@ -103,6 +107,39 @@ class LearnerSettings(Settings):
                 "envelope_high"
             )
 
+    def resolve(self, task: TaskDescription) -> LSPISettings:
+        """With the task's limits and a grid where none are given.
+
+        Raises
+        ------
+        InputError
+            When the grid is of another number of dimensions, or the task has no limits.
+        """
+        n = task.n_dims
+        for name in ("low", "high", "centers", "periodic", "envelope_low", "envelope_high"):
+            count = len(getattr(self, name))
+            for_all = name in ("periodic", "envelope_low", "envelope_high")
+            if count not in ((0, 1, n) if for_all else (0, n)):
+                raise InputError(
+                    f"{name} has {count} entries; allowed: {n}, one for each of "
+                    f"{', '.join(task.names)}"
+                )
+        count = min(max(int(USUAL_SIZE ** (1.0 / n)), LEAST_CENTERS), MOST_CENTERS)
+        found = replace(
+            self,
+            low=self.low or task.low,
+            high=self.high or task.high,
+            centers=self.centers or (count,) * n,
+            periodic=self.periodic or task.periodic,
+        )
+        for name, low, high in zip(task.names, found.low, found.high, strict=True):
+            if not math.isfinite(high - low):
+                raise InputError(
+                    f"variable {name} of task {task.name} has no limits; allowed: give the "
+                    "parameters low and high of the grid"
+                )
+        return found
+
     def features(self) -> Basis:
         """The basis functions of a state."""
         if self.basis == "chebyshev":
@@ -112,24 +149,18 @@ class LearnerSettings(Settings):
             self.constant,
         )  # fmt: skip
 
-    def guarded(self) -> Shield:
+    def guarded(self, n_actions: int) -> Shield:
         """A shield that has seen nothing."""
-        low, high = self._envelope()
         edges = np.array([self.low, self.high])
         period = self.features().table.periods
-        shape = (len(self.low),)
+        low, high = (
+            np.broadcast_to(np.array(limit, float), (len(self.low),)).copy()
+            for limit in (self.envelope_low, self.envelope_high)
+        )
         return Shield.empty(
-            self.shield, np.broadcast_to(low, shape).copy(), np.broadcast_to(high, shape).copy(),
-            edges.mean(axis=0), (edges[1] - edges[0]) / 2, period, self.n_actions,
+            self.shield, low, high, edges.mean(axis=0), (edges[1] - edges[0]) / 2, period,
+            n_actions,
         )  # fmt: skip
-
-    def _envelope(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        for name in ("envelope_low", "envelope_high"):
-            count = len(getattr(self, name))
-            if count not in (1, len(self.low)):
-                raise InputError(f"{name} has {count} entries; allowed: 1 or {len(self.low)}")
-        low, high = np.broadcast_arrays(np.array(self.envelope_low), np.array(self.envelope_high))
-        return low, high
 
     def buffer(self) -> Buffer:
         """An empty buffer."""

@@ -12,7 +12,7 @@ from iolspi_ros.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class StickSettings(Settings):
+class JoystickSettings(Settings):
     """What the parts of the joystick mean."""
 
     joy_axis: int = setting(0, "axis of the stick, from its first action to its last", low=0)
@@ -30,17 +30,17 @@ class StickSettings(Settings):
     )
 
 
-class Stick:
+class Joystick:
     """Turns the latest sensor_msgs/Joy into an action.
 
     Parameters
     ----------
-    settings : StickSettings
+    settings : JoystickSettings
     n_actions, neutral : int
         Number of actions, and the one for a stick that is let go or silent.
     """
 
-    def __init__(self, settings: StickSettings, n_actions: int, neutral: int) -> None:
+    def __init__(self, settings: JoystickSettings, n_actions: int, neutral: int) -> None:
         self._settings, self._n_actions, self._neutral = settings, n_actions, neutral
         self._on_axis = min(settings.joy_actions or n_actions, n_actions)
         self._latest: Joy | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from iolspi_ros.errors import InputError, check_range
-from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.base import USUAL_EPISODES, Task
 
 SECONDS = "Vehicle time to learn online, in episodes of full length; pendulum: 120."
 EPISODES = "Episodes to learn online, instead of --seconds; slung_load: 1000."
@@ -23,7 +23,7 @@ def episodes_to_fly(task: Task, seconds: float | None, episodes: int | None, lea
         check_range("--episodes", episodes, least, 1e6)
         return episodes
     if seconds is None:
-        return task.study
-    full = task.dt * task.episode_steps
+        return int(getattr(task, "usual_episodes", USUAL_EPISODES))
+    full = task.description.episode_time
     check_range("--seconds", seconds, least * full, 1e6)
     return round(seconds / full)

@@ -32,7 +32,7 @@ def fresh(out: Path, mark: str) -> Path:
     return out
 
 
-class Watch:
+class Follower:
     """Shows how far a graph has come, and ends when one of its nodes does.
 
     Parameters

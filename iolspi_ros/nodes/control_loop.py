@@ -1,27 +1,26 @@
-"""The pilot's seat: whoever sits in it answers each observation of the vehicle once."""
+"""The loop from observation to action: a controller answers each observation once."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Protocol
 
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, runtime, wire
-from iolspi_ros.core.online import Source
+from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.pairing import Pairer
+from iolspi_ros.task import TaskDescription
 
 RESTARTED = 20
 """Observations in a row, all older than the newest, after which they are another run's."""
 
 
-class Occupant(Protocol):
-    """Who sits in the seat."""
+class Controller(Protocol):
+    """Who chooses the actions."""
 
     def transition(self, before: Observation, transition: Transition) -> None:
         """Take a transition that left `before`; each comes once."""
@@ -36,7 +35,17 @@ class Occupant(Protocol):
         ...
 
 
-class Seat:
+class Host(Protocol):
+    """A node that can be ended, as a `managed.ManagedNode` can."""
+
+    def fail(self, error: InputError) -> None:
+        """End it, for this reason."""
+        ...
+
+    def __getattr__(self, name: str) -> Any: ...
+
+
+class ControlLoop:
     """Pairs `state` with `reward`, and answers with `action`.
 
     A repeated observation gets the same answer again; one older than the newest gets none; the
@@ -44,60 +53,66 @@ class Seat:
 
     Parameters
     ----------
-    node : rclpy.node.Node
-    joints : sequence of str
-    neutral : int
-        The action that does nothing.
-    occupant : Occupant
-    simulator_timeout : float
-        Seconds from `take` to the first state, after which to give up; 0 for never.
+    node : Host
+    task : TaskDescription
+    controller : Controller
+    timeout : float
+        Seconds from `start` to the first state, after which to give up; 0 for never.
     """
 
     def __init__(
-        self,
-        node: Node,
-        joints: Sequence[str],
-        neutral: int,
-        occupant: Occupant,
-        simulator_timeout: float,
+        self, node: Host, task: TaskDescription, controller: Controller, timeout: float
     ) -> None:
-        self._node, self._occupant, self._timeout = node, occupant, simulator_timeout
-        self._neutral = neutral
-        self._pairer = Pairer(joints)
+        self._node, self._task, self._controller = node, task, controller
+        self._timeout = timeout
+        self._pairer = Pairer(task)
         self._rows = wire.Rows("action", wire.ACTION)
         self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
-        self._joints = joints
         self._newest = (-1, -1)
         self._older = 0
         self._answer: Any = None
         self._heard = False
         self._watch: Any = None
-        self.taken = False
+        self.running = False
         self.invalid = 0
-        node.create_subscription(
-            JointState, "state", lambda m: self._receive(self._pairer.state, m), qos.CONTROL
-        )
-        node.create_subscription(
-            Float64MultiArray,
-            "reward",
-            lambda m: self._receive(self._pairer.reward, m),
-            qos.CONTROL,
-        )
+        self._heard_on = [
+            node.create_subscription(
+                wire.states(task).type, "state", self._receive_state, qos.CONTROL
+            ),
+            node.create_subscription(
+                Float64MultiArray, "reward", self._receive_reward, qos.CONTROL
+            ),
+        ]
 
-    def take(self) -> None:
+    def start(self) -> None:
         """Begin to answer."""
-        self.taken = True
+        self.running = True
         if self._timeout and self._watch is None:
-            self._watch = runtime.wall_timer(self._node, self._timeout, self._check_simulator)
+            self._watch = runtime.wall_timer(self._node, self._timeout, self._check_vehicle)
 
-    def leave(self) -> None:
+    def stop(self) -> None:
         """Stop answering; somebody else flies."""
-        self.taken = False
+        self.running = False
+
+    def close(self) -> None:
+        """Stop listening and publishing."""
+        self.stop()
+        for subscription in self._heard_on:
+            self._node.destroy_subscription(subscription)
+        self._node.destroy_publisher(self._out)
+        if self._watch is not None:
+            self._node.destroy_timer(self._watch)
 
     def ignore(self, why: str) -> None:
         """Count an unusable message and say why, not too often."""
         self.invalid += 1
         self._node.get_logger().warning(f"ignored: {why}", throttle_duration_sec=5.0)
+
+    def _receive_state(self, message: Any) -> None:
+        self._receive(self._pairer.state, message)
+
+    def _receive_reward(self, message: Any) -> None:
+        self._receive(self._pairer.reward, message)
 
     def _receive(self, pair: Callable[[Any], Observation | None], message: Any) -> None:
         try:
@@ -106,7 +121,7 @@ class Seat:
             self.ignore(str(error))
             return
         self._heard = True
-        if observation is not None and self.taken:
+        if observation is not None and self.running:
             self._respond(observation)
 
     def _respond(self, observation: Observation) -> None:
@@ -117,22 +132,22 @@ class Seat:
             runtime.publish(self._out, self._answer)
             return
         for before, transition in self._pairer.transitions(observation):
-            self._occupant.transition(before, transition)
-        if key < self._newest or not self.taken:
+            self._controller.transition(before, transition)
+        if key < self._newest or not self.running:
             return
         self._newest = key
         action, source = self._choose(observation)
         self._answer = self._rows.message(*key, *wire.split(observation.stamp), action, source)
         runtime.publish(self._out, self._answer)
-        self._occupant.answered(observation, source, self._answer)
+        self._controller.answered(observation, source, self._answer)
 
     def _started_anew(self, key: tuple[int, int]) -> bool:
         """Whether the simulator counts from the beginning again: only old keys for a while."""
         self._older = self._older + 1 if key < self._newest else 0
         if self._older < RESTARTED:
             return False
-        self._node.get_logger().warning("the simulator has started anew")
-        self._pairer, self._newest, self._older = Pairer(self._joints), (-1, -1), 0
+        self._node.get_logger().warning("the vehicle has started anew")
+        self._pairer, self._newest, self._older = Pairer(self._task), (-1, -1), 0
         return True
 
     def _choose(self, observation: Observation) -> tuple[int, Source]:
@@ -143,16 +158,23 @@ class Seat:
                 f"{observation.step} of episode {observation.episode} is not finite"
             )
         if observation.last:
-            return self._neutral, Source.HOLD
+            return self._task.neutral, Source.HOLD
         if not finite:
-            return (observation.action if observation.action >= 0 else self._neutral), Source.HOLD
-        return self._occupant.choose(observation)
+            return (
+                observation.action if observation.action >= 0 else self._task.neutral
+            ), Source.HOLD
+        return self._controller.choose(observation)
 
-    def _check_simulator(self) -> None:
+    def _check_vehicle(self) -> None:
         self._watch.cancel()
         if not self._heard:
-            raise InputError(
-                f"no simulator: nothing on {self._node.resolve_topic_name('state')} for "
-                f"{self._timeout:g} s; start one in the same ROS_DOMAIN_ID, or set the parameter "
-                "simulator_timeout to 0.0 to wait for ever"
-            )
+            topic = self._node.resolve_topic_name("state")
+            self._node.fail(no_vehicle(topic, self._timeout))
+
+
+def no_vehicle(topic: str, timeout: float) -> InputError:
+    """Nobody is heard on a topic where a vehicle should be."""
+    return InputError(
+        f"no vehicle: nothing on {topic} for {timeout:g} s; start a simulator in the same "
+        "ROS_DOMAIN_ID and namespace, or set the parameter vehicle_timeout to 0.0 to wait for ever"
+    )

@@ -7,17 +7,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import guvectorize, njit
 from numpy.typing import NDArray
 
 from iolspi_ros.settings import Settings, setting
+from iolspi_ros.task import Action, Ending, TaskDescription, Variable
 from sim_nodes.tasks.base import advance
+from sim_nodes.tasks.law import Law
+from sim_nodes.tasks.pendulum import dynamics
+from sim_nodes.tasks.pendulum.dynamics import RATE_LIMIT, SAMPLING_TIME, VOLTAGES
+from sim_nodes.tasks.pendulum.picture import picture
+from sim_nodes.tasks.pendulum.pilot import Explore, Perform
+from sim_nodes.tasks.shapes import Picture
 
 Array = NDArray[np.float64]
-
-RATE_LIMIT = 15 * np.pi
-"""Angular rate at which the pendulum saturates [rad/s]."""
-_VOLTAGES = (-3.0, 0.0, 3.0)
 
 _HANGING_ANGLES = (np.pi - 0.1, np.pi, np.pi + 0.1)
 _HANGING_RATES = tuple(np.pi / 3 * k for k in range(-3, 4))
@@ -28,56 +30,6 @@ UPRIGHT_ANGLE = np.pi / 12
 """Largest angle that counts as upright [rad] (15 degrees; T gives none)."""
 UPRIGHT_TIME = 0.5
 """The end of an episode over which it must be upright [s]."""
-
-
-def wrap(angle: Any) -> Any:
-    """Angle in [-π, π) [rad]."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-@njit(cache=True)
-def _acceleration(angle: float, rate: float, voltage: float, p: Array) -> float:
-    """α̈ [rad/s²] (T Eq. 15)."""
-    g, J, m, l, b, K, R, _ = p  # noqa: E741
-    gravity = m * g * l * math.sin(angle)
-    return (gravity - b * rate - K * K * rate / R + K * voltage / R) / J
-
-
-@njit(cache=True)
-def _step(
-    state: Array, action: int, noise: float, parameters: Array, following: Array
-) -> tuple[float, bool]:
-    """One T_s by one step of the fourth-order Runge-Kutta method; reward of T Eq. 16, negative."""
-    angle, rate, h = state[0], state[1], parameters[7]
-    chosen = _VOLTAGES[action]
-    voltage = chosen + noise
-    a1, b1 = rate, _acceleration(angle, rate, voltage, parameters)
-    a2 = rate + h / 2 * b1
-    b2 = _acceleration(angle + h / 2 * a1, a2, voltage, parameters)
-    a3 = rate + h / 2 * b2
-    b3 = _acceleration(angle + h / 2 * a2, a3, voltage, parameters)
-    a4 = rate + h * b3
-    b4 = _acceleration(angle + h * a3, a4, voltage, parameters)
-    after = angle + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-    turned = rate + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
-    following[0] = (after + math.pi) % (2 * math.pi) - math.pi
-    following[1] = min(max(turned, -RATE_LIMIT), RATE_LIMIT)
-    return -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * chosen * chosen), False
-
-
-@guvectorize(
-    ["void(f8[:], i8, f8, f8[:], f8[:], f8[:], b1[:])"], "(d),(),(),(p)->(d),(),()", cache=True
-)
-def _steps(
-    state: Array,
-    action: int,
-    noise: float,
-    parameters: Array,
-    following: Array,
-    reward: Array,
-    terminated: NDArray[np.bool_],
-) -> None:
-    reward[0], terminated[0] = _step(state, action, noise, parameters, following)
 
 
 @dataclass(frozen=True)
@@ -108,34 +60,28 @@ class Pendulum(Settings):
         0.0, "time over which g changes linearly; 0 for a jump [s]", low=0.0
     )
 
-    name = "pendulum"
-    joints = ("shaft",)
-    actions = _VOLTAGES
-    action_unit = "V"
-    action_names = ("-3 V", "0 V", "+3 V")
-    neutral = 1
-    dt = 0.005
-    episode_steps = 300
-    study = 80
-    gamma = 0.98
-    low = (-np.pi, -RATE_LIMIT)
-    high = (np.pi, RATE_LIMIT)
-    periodic = (True, False)
-    axes = ("angle [rad]", "rate [rad/s]")
-    pictured = (0, 1)
-    success = "end upright"
-    endings = ("time-out",)
+    description = TaskDescription(
+        name="pendulum",
+        variables=(
+            Variable("shaft.position", "rad", -np.pi, np.pi, periodic=True, label="angle"),
+            Variable("shaft.velocity", "rad/s", -RATE_LIMIT, RATE_LIMIT, label="rate"),
+        ),
+        actions=tuple(
+            Action(name, (voltage,))
+            for name, voltage in zip(("-3 V", "0 V", "+3 V"), VOLTAGES, strict=True)
+        ),
+        action_unit="V",
+        neutral=1,
+        sampling_time=SAMPLING_TIME,
+        episode_steps=300,
+        gamma=0.98,
+        endings=(Ending("time-out"),),
+        success="end upright",
+    )
+    usual_episodes = 80
     reference_points = (301, 301)
     reference_lookahead = 1
-    compiled = staticmethod(_step)
-
-    inertia = 1.91e-4  # J [kg m^2]
-    mass = 0.055  # m [kg]
-    length = 0.042  # l [m]
-    friction = 3e-6  # b [N m s/rad]
-    torque_constant = 0.0536  # K [N m/A]
-    resistance = 9.5  # R [Ω]
-    _constants = (inertia, mass, length, friction, torque_constant, resistance, dt)
+    compiled = staticmethod(dynamics.step)
 
     def gravity(self, time: float) -> float:
         """G at a vehicle time [m/s²]: sudden or gradual change (T 10-1-3)."""
@@ -147,7 +93,7 @@ class Pendulum(Settings):
 
     def parameters(self, time: float) -> Array:
         """(g, J, m, l, b, K, R, T_s) at a vehicle time, shape (8,)."""
-        return np.array((self.gravity(time), *self._constants))
+        return dynamics.parameters(self.gravity(time))
 
     def step(
         self,
@@ -161,26 +107,30 @@ class Pendulum(Settings):
         The reward is that of the state left and the action chosen, noise aside (T Eqs. 3, 16):
         a cost, so negative.
         """
-        return advance(_step, _steps, state, action, noise, self.parameters(time))
+        return advance(dynamics.step, dynamics.steps, state, action, noise, self.parameters(time))
 
     def initial_states(self) -> Array:
         """Every pair of initial angle and rate (T IV-A, IV-A-3), shape (21 or 28, 2)."""
         hanging = self.initial == "hanging"
         angles = _HANGING_ANGLES if hanging else _SPREAD_ANGLES
         rates = _HANGING_RATES if hanging else _SPREAD_RATES
-        return np.array([(wrap(angle), rate) for angle in angles for rate in rates])
+        return np.array([(dynamics.wrap(angle), rate) for angle in angles for rate in rates])
 
     def draw_initial(self, rng: np.random.Generator) -> Array:
         """One of the initial states, all as likely."""
         states = self.initial_states()
         return states[rng.integers(len(states))]
 
-    def ending(self, reward: Array, terminated: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """All by the clock: nothing else ends this task."""
-        return np.zeros(np.shape(reward), np.int64)
-
     def succeeded(self, states: Array, rewards: Array) -> NDArray[np.bool_]:
         """Whether each episode is upright within 15° for the whole of its last 0.5 s."""
-        last = states[-round(UPRIGHT_TIME / self.dt) :, :, 0]
+        last = states[-round(UPRIGHT_TIME / SAMPLING_TIME) :, :, 0]
         upright: NDArray[np.bool_] = np.all(np.abs(last) <= UPRIGHT_ANGLE, axis=0)
         return upright
+
+    def pilot(self, mode: str, rng: np.random.Generator) -> Law:
+        """The law of a scripted pilot who performs or explores."""
+        return Perform(self.g) if mode == "perform" else Explore(self.g, rng)
+
+    def picture(self, state: Array) -> Picture:
+        """What a state looks like."""
+        return picture(state)

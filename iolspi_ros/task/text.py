@@ -1,0 +1,163 @@
+"""Task descriptions as YAML or JSON, checked field by field."""
+
+from __future__ import annotations
+
+import json
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from iolspi_ros.errors import InputError
+from iolspi_ros.task.description import Action, Ending, TaskDescription, Variable
+
+LARGEST = 2**20
+"""Bytes of a description at most."""
+_DEEPEST = 20
+_HUGE = 1e300
+_PARTS: dict[str, type[Any]] = {"variables": Variable, "actions": Action, "endings": Ending}
+_WORDS: dict[Any, str] = {
+    str: "a text", float: "a number", int: "an integer", bool: "true or false",
+    tuple[float, ...]: "a list of numbers", tuple[str, ...]: "a list of texts",
+    float | None: "a number",
+}  # fmt: skip
+
+
+def dump(task: TaskDescription) -> str:
+    """JSON of a description, which is YAML too; what has its default is left out."""
+    return json.dumps(_plain(task), ensure_ascii=False, allow_nan=False)
+
+
+def _plain(part: Any) -> dict[str, Any]:
+    """Fields that differ from their defaults; a default limit is infinite, so none is written."""
+    found: dict[str, Any] = {}
+    for field in fields(part):
+        value = getattr(part, field.name)
+        if field.default is MISSING or value != field.default:
+            found[field.name] = (
+                list(map(_plain, value)) if field.name in _PARTS
+                else list(value) if isinstance(value, tuple) else value
+            )  # fmt: skip
+    return found
+
+
+def load(text: str, where: str) -> TaskDescription:
+    """The description in a YAML or JSON text.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    InputError
+        Naming the place, the field, its value and what is allowed.
+    """
+    if len(text) > LARGEST:
+        raise InputError(f"{where} has {len(text)} characters; allowed: at most {LARGEST}")
+    try:
+        content = _parse(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{where} is no YAML: {reason}") from None
+    try:
+        description: TaskDescription = _make(TaskDescription, content, "the task")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    return description
+
+
+def read(path: Path) -> TaskDescription:
+    """The description in a file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or is none.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(LARGEST + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}; allowed: a task description") from None
+    return load(text, str(path))
+
+
+def _parse(text: str) -> Any:
+    """JSON by its own parser, which is many times faster; the rest as YAML without aliases."""
+    if text.lstrip()[:1] == "{":
+        try:
+            return json.loads(text)
+        except json.JSONDecodeError:
+            pass  # YAML's braces, perhaps
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError("it has an alias; allowed: none")
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise ValueError(f"it is nested deeper than {_DEEPEST}")
+    return yaml.safe_load(text)
+
+
+def _make(cls: type[Any], content: Any, what: str) -> Any:
+    """A part of a description from plain values."""
+    if not isinstance(content, Mapping):
+        raise InputError(f"{what} is {_short(content)}; allowed: names and values")
+    hints = typing.get_type_hints(cls)
+    known = {field.name: field for field in fields(cls)}
+    unknown = [str(name) for name in content if name not in known]
+    if unknown:
+        raise InputError(f"{what} has {unknown[0]!r}; allowed: {', '.join(known)}")
+    lacking = [n for n, field in known.items() if field.default is MISSING and n not in content]
+    if lacking:
+        raise InputError(f"{what} has no {lacking[0]}; it must have one")
+    values = {}
+    for name, value in content.items():
+        if name in _PARTS and cls is TaskDescription:
+            values[name] = _make_all(_PARTS[name], value, name)
+        else:
+            values[name] = _typed(value, hints[name], f"{name} of {what}")
+    return cls(**values)
+
+
+def _make_all(cls: type[Any], content: Any, name: str) -> tuple[Any, ...]:
+    if not isinstance(content, list):
+        raise InputError(f"{name} is {_short(content)}; allowed: a list")
+    singular = cls.__name__.lower()
+    parts = []
+    for number, entry in enumerate(content):
+        named = entry.get("name") if isinstance(entry, Mapping) else None
+        parts.append(_make(cls, entry, f"{singular} {named if named else number}"))
+    return tuple(parts)
+
+
+def _typed(value: Any, hint: Any, what: str) -> Any:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if hint is str and isinstance(value, str):
+        return value
+    if hint is bool and isinstance(value, bool):
+        return value
+    if hint is int and number and abs(value) < _HUGE and value == int(value):
+        return int(value)
+    if hint in (float, float | None) and number and abs(value) < _HUGE:
+        return float(value)
+    if hint == tuple[float, ...]:
+        if number:
+            return (_typed(value, float, what),)
+        if isinstance(value, list):
+            return tuple(_typed(entry, float, what) for entry in value)
+    if hint == tuple[str, ...] and isinstance(value, list):
+        return tuple(_typed(entry, str, what) for entry in value)
+    raise InputError(f"{what} is {_short(value)}; allowed: {_WORDS[hint]}")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:57]}..."
