@@ -1,7 +1,3 @@
-from iolspi_ros.process import prepare
-
-prepare()  # before numpy loads its BLAS
-
 import contextlib
 import os
 import signal
@@ -12,6 +8,9 @@ import time
 import pytest
 
 from iolspi_ros.graph import free_domain
+from iolspi_ros.process import prepare
+
+prepare()  # none of these imports has loaded numpy
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"

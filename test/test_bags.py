@@ -12,7 +12,8 @@ from iolspi_ros.bags.typestore import types
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.resources import find
-from sim_nodes.tasks import Pendulum, SlungLoad
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
 
 JOINTS = ("shaft",)
 ROWS = wire.SampleRows(JOINTS)

@@ -6,7 +6,8 @@ from scipy.integrate import solve_ivp
 
 from iolspi_ros import resources
 from iolspi_ros.experiments import balance
-from sim_nodes.tasks import CartPole, make_task
+from sim_nodes.tasks import make_task
+from sim_nodes.tasks.cart_pole import CartPole
 from sim_nodes.world import World, WorldSettings
 
 TASK = CartPole()
@@ -29,20 +30,20 @@ def exactly(state, force):
 @pytest.mark.parametrize("action", [0, 1, 2])
 @pytest.mark.parametrize("start", [(0.0, 0.0), (0.8, -2.0), (-1.2, 1.5)])
 def test_a_step_integrates_eq_8_1(start, action):
-    following, _, _ = TASK.step(np.array(start), action, 0.0, 7.0)
+    next_state, _, _ = TASK.step(np.array(start), action, 0.0, 7.0)
     expected = exactly(start, (-50.0, 0.0, 50.0)[action] + 7.0)
-    np.testing.assert_allclose(following, expected, atol=1e-3)
+    np.testing.assert_allclose(next_state, expected, atol=1e-3)
 
 
 def test_falling_ends_it_and_costs_one():
     states = np.array([(1.5, 3.0), (-1.5, -3.0), (1.5, -3.0)])
-    following, reward, ended = TASK.step(states, np.array([1, 1, 1]))
-    assert (np.abs(following[:, 0]) > np.pi / 2).tolist() == [True, True, False]
+    next_state, reward, ended = TASK.step(states, np.array([1, 1, 1]))
+    assert (np.abs(next_state[:, 0]) > np.pi / 2).tolist() == [True, True, False]
     assert ended.tolist() == [True, True, False]
     assert reward.tolist() == [-1.0, -1.0, 0.0]
     for k in range(3):
         alone, r, e = TASK.step(states[k], 1)
-        np.testing.assert_array_equal(alone, following[k])
+        np.testing.assert_array_equal(alone, next_state[k])
         assert (r, e) == (reward[k], ended[k])
 
 
@@ -71,7 +72,7 @@ def test_random_episodes_are_whole_and_seeded():
         pushes = np.array([exactly(found.state[k], force)[1] for force in (-60.0, 60.0)])
         share = (found.next_state[k, 1] - pushes[0]) / (pushes[1] - pushes[0])
         force = -60.0 + 120.0 * share
-        assert abs(force - TASK.description.actions[found.action[k]]) < 10.5
+        assert abs(force - TASK.description.actions[found.action[k]].value[0]) < 10.5
     again, _ = balance.random_episodes(TASK, 200, np.random.default_rng(3))
     np.testing.assert_array_equal(again.next_state, found.next_state)
 

@@ -17,7 +17,7 @@ from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
-from sim_nodes.tasks import Pendulum
+from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.world import World, WorldSettings
 
 EPISODES = 3
@@ -26,14 +26,14 @@ SET_5 = find("demos", "pendulum", "set_5")
 
 
 def new_learner(seed):
-    return OnlineLSPI(SETTINGS, np.random.default_rng([seed, 1]))
+    return OnlineLSPI(Pendulum.description, SETTINGS, np.random.default_rng([seed, 1]))
 
 
 def headless(seed, informed):
     learner = new_learner(seed)
     if informed:
-        found = bags.read_demonstration(SET_5, "pendulum", ("shaft",))
-        learner.pretrain(found.transitions(2))
+        found = bags.read_demonstration(SET_5, Pendulum.description)
+        learner.pretrain(found.transitions())
     world = World(Pendulum(), WorldSettings(), np.random.default_rng([seed, 0]))
     train(world, learner, EPISODES, Listener())
     return learner
@@ -43,7 +43,7 @@ def assert_same(learner, other):
     """Weights, the samples kept, and what came after the last update."""
     np.testing.assert_array_equal(learner.weights, other.weights)
     np.testing.assert_array_equal(learner.buffer.born, other.buffer.born)
-    for part in (lambda x: x.buffer.transitions, lambda x: x.state()["batch"]):
+    for part in (lambda x: x.buffer.transitions, lambda x: x.state().batch):
         for field in fields(Transitions):
             a, b = (getattr(part(x), field.name) for x in (learner, other))
             np.testing.assert_array_equal(a, b)
@@ -51,8 +51,8 @@ def assert_same(learner, other):
 
 def start_learner(nodes, path, seed, informed=False):
     nodes.start(
-        "learner", "-p", f"informed:={str(informed).lower()}", "-p", "update_interval:=250",
-        "-p", f"checkpoint:={path}", "-p", f"seed:={seed}",
+        "learner", "-p", f"wait_for_demonstrations:={str(informed).lower()}",
+        "-p", "update_interval:=250", "-p", f"checkpoint:={path}", "-p", f"seed:={seed}",
     )  # fmt: skip
 
 
@@ -67,7 +67,7 @@ def finish(nodes, path, seed):
         status = nodes.end(name, signal.SIGTERM)
         assert status == 0, nodes.log(name)
     learner = new_learner(seed)
-    checkpoint.load(path, learner, "pendulum")
+    checkpoint.load(path, learner, "iolspi")
     return learner
 
 
@@ -99,14 +99,12 @@ def test_the_slung_load_is_the_same_too(nodes, tmp_path):
     nodes.wait_for("simulator", f"done: {episodes} episodes", 60.0)
     assert nodes.end("simulator") == nodes.end("demonstrator") == 0
     assert nodes.end("learner", signal.SIGTERM) == 0, nodes.log("learner")
-    world, alone = prepare("slung_load", config, 3)
+    world, alone, _ = prepare("slung_load", config, 3)
     settings = replace(alone.settings, update_interval=200)
-    flown = OnlineLSPI(settings, np.random.default_rng([3, 1]))
-    checkpoint.load(path, flown, "slung_load")
-    alone = OnlineLSPI(settings, np.random.default_rng([3, 1]))
-    alone.pretrain(
-        bags.read_demonstration(bag, "slung_load", world.task.description.joints).transitions(4)
-    )
+    flown = OnlineLSPI(world.task.description, settings, np.random.default_rng([3, 1]))
+    checkpoint.load(path, flown, "iolspi")
+    alone = OnlineLSPI(world.task.description, settings, np.random.default_rng([3, 1]))
+    alone.pretrain(bags.read_demonstration(bag, world.task.description).transitions())
     train(world, alone, episodes, Listener())
     assert flown.step == alone.step >= 3 * 200
     assert_same(flown, alone)
@@ -186,10 +184,10 @@ def test_a_demonstration_through_the_graph_is_the_shipped_one(nodes, tmp_path):
     )  # fmt: skip
     nodes.wait_for("demonstrator", "demonstration ended")
     assert nodes.end("demonstrator") == 0
-    shipped = bags.read_demonstration(find("demos", "pendulum", "set_1"), "pendulum", ("shaft",))
-    mine = bags.read_demonstration(path, "pendulum", ("shaft",))
+    shipped = bags.read_demonstration(find("demos", "pendulum", "set_1"), Pendulum.description)
+    mine = bags.read_demonstration(path, Pendulum.description)
     assert len(mine.samples) == mine.card["samples"] == 600
-    a, b = (d.transitions(2) for d in (mine, replace(shipped, samples=shipped.samples[:600])))
+    a, b = (d.transitions() for d in (mine, replace(shipped, samples=shipped.samples[:600])))
     for x, y in zip(a, b, strict=True):
         assert x.action == y.action
         np.testing.assert_allclose(x.next_state, y.next_state, atol=1e-9)

@@ -6,9 +6,11 @@ import pytest
 from iolspi_ros import resources
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.experiments.evaluate import endings, evaluate, succeeded
-from iolspi_ros.experiments.headless import literal_beside, prepare
-from iolspi_ros.experiments.history import Episode
-from sim_nodes.tasks import Pendulum, SlungLoad
+from iolspi_ros.experiments.headless import prepare, train_beside
+from iolspi_ros.experiments.history import EpisodeRecord
+from iolspi_ros.task import Action, TaskDescription, Variable
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.world import World, WorldSettings
 
 
@@ -17,7 +19,7 @@ def seen(step, last=False):
 
 
 def test_what_was_missed_is_filled_and_an_end_makes_it_whole():
-    episode = Episode()
+    episode = EpisodeRecord()
     assert [episode.take(seen(k)) for k in (0, 1, 4)] == [0, 0, 2]
     assert [state[0] for state in episode.states] == [0, 1, 4, 4, 4]
     assert episode.rewards == [0, -1, -4, -4, -4]
@@ -41,7 +43,7 @@ def test_episodes_of_any_length_are_judged_as_the_evaluation_does(task):
     world = World(task, WorldSettings(order="sweep"), np.random.default_rng(0))
     episodes = []
     for number in range(len(task.initial_states())):
-        episodes.append(Episode())
+        episodes.append(EpisodeRecord())
         here = world.begin(number)
         while episodes[-1].take(here) == 0 and not here.last:
             here = world.move(number, int(policy(here.state[None])[0]))
@@ -51,14 +53,16 @@ def test_episodes_of_any_length_are_judged_as_the_evaluation_does(task):
     if task.description.name == "slung_load":
         assert len({len(e.states) for e in episodes}) > 3
         np.testing.assert_array_equal(
-            ends == task.description.endings.index("dunk"), flown.succeeded
+            ends == [e.name for e in task.description.endings].index("dunk"), flown.succeeded
         )
 
 
 class Staying:
     """Succeeds where the last state is the one that the episode ended in."""
 
-    low, episode_steps = (0.0, 0.0), 9
+    description = TaskDescription(
+        "staying", (Variable("x"), Variable("y")), (Action("stay"),), 0.1, episode_steps=9
+    )
 
     def succeeded(self, states, rewards):
         assert (states.shape, rewards.shape) == ((10, 2, 2), (9, 2))
@@ -66,7 +70,7 @@ class Staying:
 
 
 def test_an_episode_that_ended_early_stays_where_it_ended():
-    episode = Episode()
+    episode = EpisodeRecord()
     for step in range(4):
         episode.take(seen(step, last=step == 3))
     assert succeeded(Staying(), [episode, episode]).all()
@@ -76,7 +80,7 @@ def test_the_thesis_own_stands_beside_only_where_it_differs(tmp_path):
     """The slung load with T's own functions, and no shield."""
     file = resources.find("config", "slung_load.yaml")
     demonstrations = Transitions.of([Transition(np.zeros(4), 0, -1.0, np.ones(4))], 4)
-    learner, history = literal_beside("slung_load", file, 0, demonstrations, 2)
+    label, learner, history = train_beside("slung_load", file, 0, demonstrations, 2)
     assert learner.literal
     assert learner.settings.centers == (9, 1, 9, 1)
     assert not learner.settings.shield
@@ -84,5 +88,6 @@ def test_the_thesis_own_stands_beside_only_where_it_differs(tmp_path):
     own = file.read_text().replace("centers: [5, 4, 7, 4]", "centers: [9, 1, 9, 1]")
     other = tmp_path / "own.yaml"
     other.write_text(own)
-    assert prepare("slung_load", other, 0)[1].literal
-    assert literal_beside("slung_load", other, 0, demonstrations, 2) is None
+    assert label == "thesis' algorithm to the letter"
+    assert prepare("slung_load", other, 0).learner.literal
+    assert train_beside("slung_load", other, 0, demonstrations, 2) is None

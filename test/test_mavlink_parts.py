@@ -15,7 +15,7 @@ from msg_bridge.mavlink.episode import Episode
 from msg_bridge.mavlink.ferry import Ferry
 from msg_bridge.mavlink.hands import HandSettings, grip
 from msg_bridge.mavlink.load import Fall, LoadObserver, swing
-from sim_nodes.tasks import SlungLoad
+from sim_nodes.tasks.slung_load import SlungLoad
 
 TASK = SlungLoad()
 

@@ -5,8 +5,10 @@ from hypothesis import strategies as st
 from iolspi_ros import wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.pairing import Pairer
+from sim_nodes.tasks.pendulum import Pendulum
 
-JOINTS = ("shaft",)
+TASK = Pendulum.description
+STATES = wire.states(TASK)
 REWARDS = wire.RewardRows()
 
 
@@ -21,13 +23,13 @@ def messages(lengths):
                 episode, step, state, 100.0 * episode + step, (episode + step) % 3,
                 truncated=step == length, stamp=stamp,
             )  # fmt: skip
-            sent.append(("state", wire.state_message(JOINTS, state, stamp)))
+            sent.append(("state", STATES.of(o)))
             sent.append(("reward", REWARDS.of(o)))
     return sent
 
 
 def feed(arriving):
-    pairer, formed = Pairer(JOINTS), []
+    pairer, formed = Pairer(TASK), []
     for topic, message in arriving:
         observation = getattr(pairer, topic)(message)
         if observation is not None:
@@ -85,7 +87,7 @@ def test_in_order_every_transition_comes_once_and_in_order():
 
 
 def test_a_repeated_observation_is_given_again_once():
-    pairer = Pairer(JOINTS)
+    pairer = Pairer(TASK)
     state, reward = (message for _, message in messages([1])[:2])
     assert pairer.state(state) is None
     assert pairer.reward(reward) is not None
@@ -94,7 +96,7 @@ def test_a_repeated_observation_is_given_again_once():
 
 
 def test_memory_stays_small():
-    pairer = Pairer(JOINTS)
+    pairer = Pairer(TASK)
     for topic, message in messages([3000]):
         getattr(pairer, topic)(message)
     assert len(pairer._observations) < 1000

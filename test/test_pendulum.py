@@ -3,7 +3,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from iolspi_ros.errors import InputError
-from sim_nodes.tasks import Pendulum, make_task
+from sim_nodes.tasks import make_task
+from sim_nodes.tasks.pendulum import Pendulum, dynamics
 from sim_nodes.world import World, WorldSettings
 
 TASK = Pendulum()
@@ -27,7 +28,7 @@ def test_a_step_integrates_eq_15(start, action):
         equation_15,
         (0, 0.1),
         start,
-        args=(TASK.description.actions[action], 9.81),
+        args=(TASK.description.actions[action].value[0], 9.81),
         rtol=1e-11,
         atol=1e-11,
     ).y[:, -1]
@@ -48,12 +49,12 @@ def test_many_at_once_are_each_alone():
         rng.uniform(TASK.description.low, TASK.description.high, (50, 2)),
         rng.integers(3, size=50),
     )
-    following, reward, ended = TASK.step(states, actions)
-    assert following.shape == (50, 2)
+    next_state, reward, ended = TASK.step(states, actions)
+    assert next_state.shape == (50, 2)
     assert ended.shape == (50,)
     for k in range(50):
         alone, r, _ = TASK.step(states[k], actions[k])
-        np.testing.assert_allclose(following[k], alone, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(next_state[k], alone, rtol=1e-12, atol=1e-12)
         assert reward[k] == pytest.approx(r)
 
 
@@ -101,7 +102,11 @@ def test_noise_has_its_deviations_and_its_seed():
     np.testing.assert_array_equal(first.state, expected)
     perturbed, _, _ = TASK.step(starts[0], np.int64(2), 0.0, 0.7)
     slope = (
-        0.7 * TASK.torque_constant / TASK.resistance / TASK.inertia * TASK.description.sampling_time
+        0.7
+        * dynamics.TORQUE_CONSTANT
+        / dynamics.RESISTANCE
+        / dynamics.INERTIA
+        * TASK.description.sampling_time
     )
     assert perturbed[1] - expected[1] == pytest.approx(slope, rel=0.02)
 

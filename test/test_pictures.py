@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sim_nodes import pictures
-from sim_nodes.tasks import Pendulum, SlungLoad
-from sim_nodes.tasks.slung_load import DUNK, MISS, RELEASE
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import DUNK, MISS, RELEASE, SlungLoad
+from sim_nodes.tasks.slung_load.dynamics import falling
 
 LOAD, SHAFT = SlungLoad(), Pendulum()
 
@@ -82,17 +83,17 @@ def test_a_crash_is_shown_state_by_state_and_a_pendulum_has_no_trail():
     states = np.array([[-6.4, -2.0, 0.0, 0.0], [-6.6, -2.0, 0.0, 0.0]])
     assert len(pictures.film(LOAD, states, -150.0)) == 2
     assert pictures.trail(SHAFT, np.zeros((3, 2)), -1.0) is None
-    assert len(pictures.dropped(SHAFT, np.zeros(2), -10.0, np.zeros(3))) == 0
+    assert len(pictures.released(SHAFT, np.zeros(2), -10.0, np.zeros(3))) == 0
 
 
 @pytest.mark.parametrize("time", [0.0, 0.1, 0.37])
 def test_a_fall_is_a_parabola_and_lands_where_it_crosses_the_rim(time):
     state = np.array([-2.0, 1.0, 0.7, 2.0])
-    start, now, later = LOAD.fall(state, np.array([0.0, time, time + 1e-5]))
+    start, now, later = falling(state, np.array([0.0, time, time + 1e-5]))
     speed = np.array([1.0 + math.cos(0.7) * 2.0, math.sin(0.7) * 2.0])
     np.testing.assert_allclose(now, start + speed * time - [0.0, 9.81 / 2 * time**2])
     np.testing.assert_allclose((later - now) / 1e-5, speed - [0.0, 9.81 * time], atol=1e-3)
     times = np.linspace(0.0, 2.0, 20_001)
-    x, z = LOAD.fall(state, times).T
+    x, z = falling(state, times).T
     assert LOAD.landing(state) == pytest.approx(x[np.flatnonzero(z > -0.9)[-1]], abs=1e-3)
     assert LOAD.landing(np.array([0.0, 0.0, 0.1, 0.0])) is None

@@ -8,9 +8,10 @@ import pytest
 from iolspi_ros import resources
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import from_mapping
-from sim_nodes.pilots import MODES, PilotSettings, ScriptedPilot, SlungLoadPerform
-from sim_nodes.tasks import Pendulum, SlungLoad
-from sim_nodes.tasks.slung_load import RELEASE, Outcome, outcome
+from sim_nodes.pilots import MODES, PilotSettings, ScriptedPilot
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import RELEASE, Outcome, SlungLoad, outcome
+from sim_nodes.tasks.slung_load.pilot import Perform
 
 TASK = SlungLoad()
 CONFIG = resources.find("config", "slung_load.yaml")
@@ -78,7 +79,7 @@ def test_a_pilot_reacts_late_and_holds_its_decisions():
 
 
 def test_steering_changes_the_energy_of_the_swing_as_wanted():
-    law = SlungLoadPerform(TASK, np.random.default_rng(0))
+    law = Perform()
 
     def energy(state):
         return 0.5 * state[3] ** 2 + 9.81 * (1 - np.cos(state[2]))
@@ -93,7 +94,7 @@ def test_steering_changes_the_energy_of_the_swing_as_wanted():
 
 
 def test_a_load_is_dropped_where_it_falls_in():
-    law = SlungLoadPerform(TASK, np.random.default_rng(0))
+    law = Perform()
     states = np.random.default_rng(0).uniform((-4, -3, -1.5, -5), (2, 3, 1.5, 5), (500, 4))
     dropped = [s for s in states if law.decide(s, 0.0) == RELEASE]
     assert len(dropped) > 50

@@ -8,7 +8,8 @@ from iolspi_ros.core.reference import Grid, NearOptimal, near_optimal
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache, evaluate
 from iolspi_ros.experiments.evaluate import near_optimal_policy
-from sim_nodes.tasks import Pendulum, SlungLoad
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
 
 
 @pytest.fixture(autouse=True)

@@ -9,11 +9,12 @@ from iolspi_ros.core.shield import HORIZON, allowed, lasting, predict, safest
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, train
 from sim_nodes.tasks import make_task
+from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import RELEASE, Outcome, outcome
 from sim_nodes.world import World, WorldSettings
 
 CART = LSPISettings(
-    n_actions=3, low=(-5.0, -3.0), high=(5.0, 3.0), centers=(5, 5), periodic=(False,),
+    low=(-5.0, -3.0), high=(5.0, 3.0), centers=(5, 5), periodic=(False,),
     shield=True, envelope_low=(-5.0, -np.inf), envelope_high=(5.0, np.inf),
 )  # fmt: skip
 H = 0.1
@@ -32,7 +33,7 @@ def cart_shield(n=2000):
     state, action = rng.uniform((-5, -3), (5, 3), (n, 2)), rng.integers(3, size=n)
     none = np.zeros(n, bool)
     batch = Transitions(state, action, np.zeros(n), cart(state, action), none, none)
-    return CART.guarded().learn(batch)
+    return CART.guarded(3).learn(batch)
 
 
 def test_a_step_is_predicted_as_the_vehicle_makes_it():
@@ -63,7 +64,7 @@ def test_batches_add_up_and_forget_as_moments_do():
     state, action = rng.uniform(-2, 2, (n, 2)), rng.integers(3, size=n)
     none = rng.random(n) < 0.2
     rows = Transitions(state, action, np.zeros(n), cart(state, action), none, none)
-    whole, parts = CART.guarded().learn(rows, eta), CART.guarded()
+    whole, parts = CART.guarded(3).learn(rows, eta), CART.guarded(3)
     for first in range(0, n, 20):
         parts = parts.learn(rows[first : first + 20], eta)
     for name in ("gram", "cross", "seen", "ended"):
@@ -76,13 +77,13 @@ def test_batches_add_up_and_forget_as_moments_do():
 def slung(shield):
     task = make_task("slung_load", {}, "test")
     settings = LSPISettings(
-        n_actions=4, low=(-6.5, -4.0, -np.pi / 2, -np.pi), high=(3.0, 4.0, np.pi / 2, np.pi),
-        centers=(5, 1, 5, 1), periodic=(False,), sampling_time=0.1, epsilon=0.02,
+        low=(-6.5, -4.0, -np.pi / 2, -np.pi), high=(3.0, 4.0, np.pi / 2, np.pi),
+        centers=(5, 1, 5, 1), periodic=(False,), epsilon=0.02,
         update_interval=500, refresh_iterations=1, shield=shield,
         envelope_low=(-6.5, -np.inf, -np.pi / 2, -np.inf),
         envelope_high=(3.0, np.inf, np.pi / 2, np.inf),
     )  # fmt: skip
-    core = OnlineLSPI(settings, np.random.default_rng(0))
+    core = OnlineLSPI(task.description, settings, np.random.default_rng(0))
     rng, n = np.random.default_rng(2), 4000
     state, action = rng.uniform(settings.low, settings.high, (n, 4)), rng.integers(4, size=n)
     following, reward, ended = task.step(state, action)
@@ -128,8 +129,8 @@ def test_compiled_flight_vetoes_what_single_steps_veto():
 
 
 def test_an_envelope_must_have_limits_that_fit():
-    with pytest.raises(InputError, match="envelope_low has 3 entries; allowed: 1 or 2"):
-        LSPISettings(envelope_low=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="envelope_low has 3 entries; allowed: 2"):
+        LSPISettings(envelope_low=(0.0, 0.0, 0.0)).resolve(Pendulum.description)
     with pytest.raises(InputError, match="each low < high"):
         LSPISettings(envelope_low=(1.0,), envelope_high=(1.0,))
     with pytest.raises(InputError, match="shield is on without a limit"):

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from sim_nodes.autopilot.body import STEP, Body
 from sim_nodes.autopilot.control import Gains, attitude
 from sim_nodes.autopilot.dynamics import Airframe, derivative, move, thrust_direction
-from sim_nodes.tasks import SlungLoad
+from sim_nodes.tasks.slung_load import SlungLoad
 
 G = 9.81
 BARE = Airframe(drag=0.0, load_drag=0.0, load=1e-6)  # so light that the quadrotor does not feel it

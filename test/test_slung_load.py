@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.evaluate import evaluate
-from sim_nodes.tasks import SlungLoad, make_task
-from sim_nodes.tasks.slung_load import RELEASE, Outcome, outcome
+from sim_nodes.tasks import make_task
+from sim_nodes.tasks.slung_load import RELEASE, Outcome, SlungLoad, outcome
 from sim_nodes.world import World, WorldSettings
 
 TASK = SlungLoad()
@@ -34,20 +34,22 @@ def test_many_small_steps_follow_newton(action):
     small = SlungLoad()
     parameters = small.parameters(0.0)
     parameters[-1] = 1e-5
-    state, following = start.copy(), np.empty(4)
+    state, next_state = start.copy(), np.empty(4)
     for _ in range(50_000):
-        small.compiled(state, action, 0.0, parameters, following)
-        state, following = following, state
-    exact = solve_ivp(pulled, (0, 0.5), start, args=(TASK.description.actions[action],), rtol=1e-10)
+        small.compiled(state, action, 0.0, parameters, next_state)
+        state, next_state = next_state, state
+    exact = solve_ivp(
+        pulled, (0, 0.5), start, args=(TASK.description.actions[action].value[0],), rtol=1e-10
+    )
     np.testing.assert_allclose(state, exact.y[:, -1], atol=2e-4)
 
 
 def test_a_step_is_eulers():
     x, v, q, w = state = np.array([-4.0, 1.0, 0.5, -2.0])
-    following, reward, ended = TASK.step(state, 2)
+    next_state, reward, ended = TASK.step(state, 2)
     angular = -math.cos(q) * 3.0 + math.sin(q) / L * -G  # T Eq. 18 as printed
     expected = [x + 0.1 * v, v + 0.1 * 3.0, q + 0.1 * w, w + 0.1 * angular]
-    np.testing.assert_allclose(following, expected, rtol=1e-14)
+    np.testing.assert_allclose(next_state, expected, rtol=1e-14)
     assert (reward, ended) == (pytest.approx(-0.5 * 4.0), False)
     pushed, _, _ = TASK.step(state, 2, 0.0, 0.5)
     assert pushed[1] == pytest.approx(v + 0.1 * 3.5)
@@ -111,13 +113,13 @@ def test_many_at_once_are_each_alone():
         rng.integers(4, size=400),
     )
     noise = rng.normal(size=400)
-    following, reward, ended = TASK.step(states, actions, 0.0, noise)
-    assert (following.shape, reward.shape, ended.dtype) == ((400, 4), (400,), bool)
+    next_state, reward, ended = TASK.step(states, actions, 0.0, noise)
+    assert (next_state.shape, reward.shape, ended.dtype) == ((400, 4), (400,), bool)
     ways = outcome(reward, ended)
     assert set(ways) == set(Outcome)
     for k in range(400):
         alone, r, e = TASK.step(states[k], actions[k], 0.0, noise[k])
-        np.testing.assert_array_equal(following[k], alone)
+        np.testing.assert_array_equal(next_state[k], alone)
         assert (reward[k], ended[k], ways[k]) == (r, e, outcome(r, e))
 
 
@@ -127,8 +129,8 @@ finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 @settings(max_examples=300, deadline=None)
 @given(st.tuples(finite, finite, finite, finite), st.integers(0, 3), finite)
 def test_what_is_finite_stays_finite(state, action, noise):
-    following, reward, _ = TASK.step(np.array(state), action, 0.0, noise)
-    assert np.isfinite(following).all()
+    next_state, reward, _ = TASK.step(np.array(state), action, 0.0, noise)
+    assert np.isfinite(next_state).all()
     assert math.isfinite(reward)
 
 
@@ -152,8 +154,8 @@ def test_states_stay_within_the_limits():
     action = rng.integers(3, size=5000)
     for _ in range(TASK.description.episode_steps):
         action = np.where(rng.random(len(state)) < 0.2, rng.integers(3, size=len(state)), action)
-        following, _, ended = TASK.step(state, action)
-        state, action = following[~ended], action[~ended]
+        next_state, _, ended = TASK.step(state, action)
+        state, action = next_state[~ended], action[~ended]
         assert (state >= TASK.description.low).all()
         assert (state <= TASK.description.high).all()
 
