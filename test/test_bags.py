@@ -1,6 +1,7 @@
 import contextlib
 import shutil
 import sqlite3
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,15 @@ from iolspi_ros.bags.typestore import types
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.resources import find
+from iolspi_ros.task import Variable
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad
 
-JOINTS = ("shaft",)
-ROWS = wire.SampleRows(JOINTS)
+TASK = Pendulum.description
+ROWS = wire.SampleRows(TASK.names)
+OTHER = replace(
+    TASK, variables=tuple(map(Variable, ("x.position", "x.velocity", "y.position", "y.velocity")))
+)
 N = 40
 
 
@@ -38,7 +43,7 @@ def samples(n=N):
 
 
 def read(path):
-    return bags.read_demonstration(path, "pendulum", JOINTS)
+    return bags.read_demonstration(path, TASK)
 
 
 def same(found, expected):
@@ -122,7 +127,7 @@ def test_states_and_rewards_do_where_there_are_no_samples(tmp_path):
     for k in range(N + 1):
         state = np.array([k, -k], float)
         o = Observation(0, k, state, 1.0 - k, (k - 1) % 3, truncated=k == N, stamp=k * 5_000_000)
-        messages.append(("/sim/state", k, wire.state_message(JOINTS, state, k * 5_000_000)))
+        messages.append(("/sim/state", k, wire.states(TASK).of(o)))
         messages.append(("/sim/reward", k, rewards.of(o)))
     write(tmp_path / "bag", messages).close()
     found = read(tmp_path / "bag").samples
@@ -161,7 +166,7 @@ def test_bad_bags_get_a_clear_message(tmp_path):
         read(tmp_path / "other")
     write(tmp_path / "dims", samples()).close()
     with pytest.raises(InputError, match=r"no entry x\.position"):
-        bags.read_demonstration(tmp_path / "dims", "pendulum", ("x", "theta"))
+        bags.read_demonstration(tmp_path / "dims", OTHER)
     (tmp_path / "dims" / "card.yaml").write_text("]:")
     with pytest.raises(InputError, match="a YAML mapping"):
         read(tmp_path / "dims")
@@ -182,7 +187,7 @@ def test_damaged_bytes_inside_are_no_crash(tmp_path):
     with contextlib.suppress(InputError):  # a message, not a crash
         found = read(path)
         assert len(found.samples) <= N
-        assert found.transitions(2).usable(3).shape == (len(found.samples),)
+        assert found.transitions().usable(3).shape == (len(found.samples),)
 
 
 def test_a_bag_is_never_overwritten(tmp_path):
@@ -195,8 +200,8 @@ def test_a_bag_is_never_overwritten(tmp_path):
 @pytest.mark.parametrize("task", [Pendulum(), SlungLoad()])
 def test_the_shipped_sets_are_whole_and_say_who_flew(task, number):
     path = find("demos", task.description.name, f"set_{number}")
-    found = bags.read_demonstration(path, task.description.name, task.description.joints)
-    flown = found.transitions(task.description.n_dims)
+    found = bags.read_demonstration(path, task.description)
+    flown = found.transitions()
     ends = flown.terminated | flown.truncated
     assert len(found.samples) == found.card["samples"]
     assert ends.sum() == len(task.initial_states())

@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 from iolspi_ros import resources
 from iolspi_ros.experiments import balance
+from iolspi_ros.experiments.evaluate import evaluate
 from sim_nodes.tasks import make_task
 from sim_nodes.tasks.cart_pole import CartPole
 from sim_nodes.world import World, WorldSettings
@@ -138,16 +139,16 @@ def test_a_world_pushes_with_uniform_noise():
 
 def test_success_and_settings():
     assert make_task("cart_pole", {"deviation": 0.5}, "here").initial_states().max() == 0.5
-    rewards = np.zeros((5, 2))
-    rewards[3, 1] = -1.0
-    assert TASK.succeeded(np.zeros((6, 2, 2)), rewards).tolist() == [True, False]
+    flown = evaluate(TASK, lambda states: np.full(len(states), TASK.description.neutral))
+    assert flown.succeeded.tolist() == (flown.score == 0.0).tolist()  # a fall costs one
+    assert {True, False} == set(flown.succeeded.tolist())  # upright at rest, nothing falls
 
 
 def test_the_wide_functions_are_those_of_the_parameter_file():
     file = resources.find("config", "cart_pole.yaml")
     learner = resources.parameters(file, "learner")
-    names = ("low", "high", "centers", "periodic", "normalisation", "width", "gamma",
-             "sampling_time", "buffer_size", "samples_per_cell", "refresh_iterations")  # fmt: skip
+    names = ("low", "high", "centers", "periodic", "normalisation", "width", "buffer_size",
+             "samples_per_cell", "refresh_iterations")  # fmt: skip
     for name in names:
         value = learner[name]
         given = tuple(value) if isinstance(value, list) else value

@@ -48,7 +48,7 @@ def test_episodes_of_any_length_are_judged_as_the_evaluation_does(task):
         while episodes[-1].take(here) == 0 and not here.last:
             here = world.move(number, int(policy(here.state[None])[0]))
     np.testing.assert_array_equal(succeeded(task, episodes), flown.succeeded)
-    ends = endings(task, episodes)
+    ends = endings(task.description, episodes)
     np.testing.assert_array_equal(ends > 0, [e.terminated for e in episodes])
     if task.description.name == "slung_load":
         assert len({len(e.states) for e in episodes}) > 3

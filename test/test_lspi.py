@@ -162,7 +162,7 @@ def test_the_cap_and_the_caller_stop_it():
     t = problem(3, 6, 3, 0.0)
     start = np.random.default_rng(0).standard_normal((3, 6))
     assert run(t, Tabular(6), 3, start, max_iterations=1).stop == "cap"
-    assert run(t, Tabular(6), 3, start, proceed=lambda l, c: False).stop == "interrupted"  # noqa: E741
+    assert run(t, Tabular(6), 3, start, proceed=lambda share: False).stop == "interrupted"
 
 
 def test_ties_are_broken_at_random():

@@ -9,6 +9,7 @@ from iolspi_ros import resources
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import from_mapping
 from sim_nodes.pilots import MODES, PilotSettings, ScriptedPilot
+from sim_nodes.tasks.cart_pole import CartPole
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import RELEASE, Outcome, SlungLoad, outcome
 from sim_nodes.tasks.slung_load.pilot import Perform
@@ -102,8 +103,12 @@ def test_a_load_is_dropped_where_it_falls_in():
 
 
 def test_nobody_flies_what_nobody_knows():
-    task = Pendulum()
-    object.__setattr__(task, "name", "kite")
-    allowed = r"no scripted pilot for task 'kite'; allowed: pendulum \(perform\)"
-    with pytest.raises(InputError, match=allowed):
-        ScriptedPilot(task, PilotSettings(), np.random.default_rng(0))
+    class Kite:
+        description = replace(Pendulum.description, name="kite")
+
+    said = "task 'kite' has no scripted pilot for mode 'perform'; allowed: a task with a member"
+    with pytest.raises(InputError, match=said):
+        ScriptedPilot(Kite(), PilotSettings(), np.random.default_rng(0))
+    said = "task 'cart_pole' has no scripted pilot for mode 'explore'"
+    with pytest.raises(InputError, match=said):
+        ScriptedPilot(CartPole(), PilotSettings(mode="explore"), np.random.default_rng(0))

@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,7 +102,8 @@ def test_values_are_found_again_unless_anything_changed(folder, monkeypatch):
     np.testing.assert_array_equal(again.values, first.values)
     near_optimal_policy(task, (21, 23))
     near_optimal_policy(Pendulum(g=5.0), points)
-    monkeypatch.setattr(Pendulum, "gamma", 0.9)
+    other = replace(Pendulum.description, gamma=0.9)
+    monkeypatch.setattr(Pendulum, "description", other)
     near_optimal_policy(task, points)
     assert len(list(folder.iterdir())) == 4
 

@@ -27,8 +27,9 @@ def test_states_come_back_as_they_went(joints, data):
     state = np.array(data.draw(st.lists(doubles, min_size=2 * len(joints),
                                         max_size=2 * len(joints))))  # fmt: skip
     stamp = data.draw(stamps)
-    message = over_the_wire(wire.state_message(joints, state, stamp))
-    back, when = wire.read_state(joints, message)
+    states = wire.JointStates(joints)
+    message = over_the_wire(states.of(Observation(0, 0, state, stamp=stamp)))
+    back, when = states.state(message)
     np.testing.assert_array_equal(back, state)
     assert when == stamp
 
@@ -41,7 +42,8 @@ def test_samples_come_back_as_they_went(joints, data):
         np.array(data.draw(vectors)), data.draw(st.booleans()), data.draw(st.booleans()),
     )  # fmt: skip
     sample = Sample(data.draw(st.integers(0, 10**9)), 7, data.draw(stamps), transition, 3)
-    back = wire.SampleRows(joints).sample(over_the_wire(wire.SampleRows(joints).of(sample)))
+    rows = wire.SampleRows([f"{joint}.{what}" for joint in joints for what in ("p", "v")])
+    back = rows.sample(over_the_wire(rows.of(sample)))
     assert (back.episode, back.step, back.stamp, back.source) == (
         sample.episode, 7, sample.stamp, 3,
     )  # fmt: skip
@@ -86,13 +88,14 @@ def test_what_is_missing_is_named():
 
 
 def test_joints_are_found_by_name_and_missing_ones_named():
-    message = wire.state_message(("b", "a"), np.array([1.0, 2.0, 3.0, 4.0]), 5)
-    state, _ = wire.read_state(("a", "b"), message)
+    sent = Observation(0, 0, np.array([1.0, 2.0, 3.0, 4.0]), stamp=5)
+    message = wire.JointStates(("b", "a")).of(sent)
+    state, _ = wire.JointStates(("a", "b")).state(message)
     assert state.tolist() == [3.0, 4.0, 1.0, 2.0]
     with pytest.raises(InputError, match="not shaft; allowed"):
-        wire.read_state(("shaft",), message)
+        wire.JointStates(("shaft",)).state(message)
     with pytest.raises(InputError, match="0 positions and 0 velocities"):
-        wire.read_state(("shaft",), JointState(name=["shaft"]))
+        wire.JointStates(("shaft",)).state(JointState(name=["shaft"]))
 
 
 def test_weights_come_back():
@@ -103,7 +106,8 @@ def test_weights_come_back():
 
 
 def test_a_bag_reads_what_rclpy_wrote_without_rclpy():
-    message = wire.state_message(("shaft",), np.array([0.5, -1.0]), 10**9 + 5)
+    states = wire.JointStates(("shaft",))
+    message = states.of(Observation(0, 0, np.array([0.5, -1.0]), stamp=10**9 + 5))
     record = bags.Record("state", wire.type_name(message), 0, serialize_message(message))
-    state, stamp = wire.read_state(("shaft",), bags.deserialise(record))
+    state, stamp = states.state(bags.deserialise(record))
     assert (state.tolist(), stamp) == ([0.5, -1.0], 10**9 + 5)
