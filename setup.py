@@ -44,6 +44,7 @@ setup(
             "demonstrator = iolspi_ros.nodes.start:demonstrator",
             "learner = iolspi_ros.nodes.start:learner",
             "bridge = iolspi_ros.nodes.start:bridge",
+            "graph = iolspi_ros.nodes.start:graph",
         ],
         "iolspi_ros.tasks": [
             "pendulum = sim_nodes.tasks.pendulum:Pendulum",

@@ -63,6 +63,10 @@ class Pairer:
         self._keep(self._rewards, stamp, values)
         return self._complete(stamp)
 
+    def take(self, observation: Observation) -> None:
+        """Take a whole observation, which came by another way."""
+        self._keep(self._observations, (observation.episode, observation.step), observation)
+
     def transitions(self, observation: Observation) -> list[tuple[Observation, Transition]]:
         """Transitions that `observation` completes and that were not formed before.
 
@@ -87,8 +91,7 @@ class Pairer:
         if state is None or values is None:
             return None
         observation = self._rows.observation(values, state, stamp)
-        key = (observation.episode, observation.step)
-        self._keep(self._observations, key, observation)
+        self.take(observation)
         return observation
 
     def _keep(self, store: OrderedDict[Any, Any], key: Any, value: Any) -> None:

@@ -6,8 +6,8 @@ import contextlib
 import gc
 import signal
 import sys
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.clock import Clock
@@ -51,8 +51,24 @@ def publish(publisher: Publisher, message: Any) -> None:
             raise
 
 
-def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> int:
-    """Run one node until it is told to stop.
+class Nodes(Protocol):
+    """Nodes that live in one process.
+
+    Attributes
+    ----------
+    nodes : sequence of rclpy.node.Node
+        Each with a method `close`.
+    """
+
+    nodes: Sequence[Node]
+
+    def pump(self) -> bool:
+        """Do what no event brings about; False when there was nothing."""
+        ...
+
+
+def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = None) -> int:
+    """Run one node, or some in one process, until told to stop.
 
     Parameters
     ----------
@@ -68,13 +84,13 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
     int
         Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
     """
-    node: Node | None = None
+    made: list[Node | Nodes] = []
     begun = False
 
     def interrupt(*_: object) -> None:
         # rclpy's own handler, which calls this one, shuts the context down and so ends the
         # loop; an exception from here would land anywhere, also in the executor's C++.
-        if node is None:
+        if not made:
             raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -82,8 +98,8 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
     try:
         rclpy.init(args=without_files(sys.argv if args is None else args))
         begun = True
-        node = make()
-        spin(node)
+        made.append(make())
+        spin(made[0])
     except KeyboardInterrupt:
         return 0
     except InputError as error:
@@ -92,20 +108,24 @@ def main(make: Callable[[], Node], name: str, args: list[str] | None = None) -> 
     except (RCLError, NotInitializedException, InvalidHandle) as error:
         if begun and not rclpy.ok():  # a signal came while the node was being made
             return 0
-        # A parameter file that is missing or is no YAML.
+        # A parameter that is no YAML.
         print(f"{name}: {_first_line(error)}", file=sys.stderr)
         return 2
     finally:
         # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-        if node is not None:
+        for node in (node for one in made for node in _nodes(one)):
             _put_away(node, name)
         rclpy.try_shutdown()
     return 0
 
 
-def spin(node: Node) -> None:
+def _nodes(made: Node | Nodes) -> Sequence[Node]:
+    return [made] if isinstance(made, Node) else made.nodes
+
+
+def spin(made: Node | Nodes) -> None:
     """Handle events until the context is shut down.
 
     Raises
@@ -113,32 +133,35 @@ def spin(node: Node) -> None:
     InputError
         Why a managed node cannot go on.
     """
-    loop = executor()
-    loop.add_node(node)
+    loop, nodes = executor(), _nodes(made)
+    pump = None if isinstance(made, Node) else made.pump
+    for node in nodes:
+        loop.add_node(node)
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
+    context = nodes[0].context
     try:
-        context = node.context
-        while context.ok() and getattr(node, "failure", None) is None:
-            _spin_once(loop, node)
+        while context.ok():
+            busy = pump is not None and pump()
+            _spin_once(loop, nodes, 0.0005 if busy else 0.25)
+            for node in nodes:
+                if (failure := getattr(node, "failure", None)) is not None:
+                    raise failure
     except ExternalShutdownException:
         pass
-    failure = getattr(node, "failure", None)
-    if failure is not None:
-        raise failure
 
 
-def _spin_once(loop: Executor, node: Node) -> None:
+def _spin_once(loop: Executor, nodes: Sequence[Node], timeout: float) -> None:
     try:
-        loop.spin_once(timeout_sec=0.25)
+        loop.spin_once(timeout_sec=timeout)
     except RCLError as error:
         if not rclpy.ok():  # a signal came while a callback was publishing
             return
-        if not isinstance(node, LifecycleNode):
+        if not isinstance(nodes[0], LifecycleNode):
             raise
         # Asked for a transition that its state does not have; rclpy would end the node for that.
-        node.get_logger().warning(f"refused: {_first_line(error)}")
+        nodes[0].get_logger().warning(f"refused: {_first_line(error)}")
 
 
 def _put_away(node: Node, name: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, String
 
@@ -39,22 +40,37 @@ class VehicleTopics:
         self._state_out = node.create_publisher(self._states.type, "state", qos.OUTGOING)
         self._reward_out = node.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
         self._task_out = node.create_publisher(String, "task", qos.LATCHED)
-        self._state_message, self._reward_message = self._states.type(), Float64MultiArray()
+        self._shown = Observation(0, 0, np.zeros(task.n_dims))
+        self._packed: tuple[bytes, bytes] | None = None
         self.ignored = 0
+        self.local = False
+        """Whether who acts is in this process, and takes what is pending itself."""
+        self._pending: Observation | None = None
         runtime.publish(self._task_out, wire.task_message(task))
 
     def show(self, observation: Observation) -> None:
         """Make an observation the one that is published."""
-        self._state_message = self._states.of(observation, self._state_message)
-        self._reward_message = self._reward_rows.of(observation)
+        self._shown, self._packed = observation, None
 
     def publish(self) -> None:
         """Publish the observation shown last, for the first time or again."""
-        runtime.publish(self._state_out, self._state_message)
-        runtime.publish(self._reward_out, self._reward_message)
+        if self.local:
+            self._pending = self._shown
+            if not self._state_out.get_subscription_count():
+                return
+        if self._packed is None:
+            self._packed = (self._states.of(self._shown), self._reward_rows.of(self._shown))
+        state, reward = self._packed
+        runtime.publish(self._state_out, state)
+        runtime.publish(self._reward_out, reward)
+
+    def take_pending(self) -> Observation | None:
+        """What was published since the last call."""
+        pending, self._pending = self._pending, None
+        return pending
 
     def read(self, message: Any) -> Answer | None:
-        """What a message on `action` says; None, and a word to people, when it says nothing."""
+        """What a message on `action`, or its bytes, says; None and a word to people for nothing."""
         try:
             episode, step, _, _, value, _ = self._action_rows.read(message)
             action = wire.whole(value)

@@ -18,11 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros import cdr
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription, dump, load
 
 NANOSECONDS = 1_000_000_000
+ROW = "std_msgs/msg/Float64MultiArray"
 KEY = ("episode", "step", "sec", "nanosec")
 
 REWARD = (*KEY, "reward", "terminated", "truncated", "action")
@@ -72,7 +74,9 @@ class Rows:
         self.what = what
         self.names = tuple(names)
         self.label = ",".join(self.names)
+        self.kind = ROW
         self._layout: Any = None
+        self._bytes = cdr.RowBytes(self.label, len(self.names))
         self._columns: dict[str, list[int] | None] = {self.label: None}
 
     def message(self, *values: float) -> Any:
@@ -82,19 +86,36 @@ class Rows:
             n = len(self.names)
             dimension = types.Dimension(label=self.label, size=n, stride=n)
             self._layout = types.Layout(dim=[dimension], data_offset=0)
+        return types.Array(layout=self._layout, data=self._doubles(values))
+
+    def pack(self, *values: float) -> bytes:
+        """The same, serialised."""
+        return self._bytes.pack(self._doubles(values))
+
+    def _doubles(self, values: Sequence[float]) -> array.array[float]:
         if len(values) != len(self.names):
             raise ValueError(f"{len(values)} values for {self.what}; names: {self.label}")
-        # array("d") turns whatever numbers come in into the doubles that rclpy does not check.
-        return types.Array(layout=self._layout, data=array.array("d", values))
+        # Turns whatever numbers come in into the doubles that rclpy does not check.
+        return array.array("d", values)
 
     def read(self, message: Any) -> Sequence[float]:
         """Values in the order of the names, whatever their order in the message.
+
+        Parameters
+        ----------
+        message : std_msgs/Float64MultiArray, or bytes
+            The message itself, or serialised.
 
         Raises
         ------
         InputError
             When a name is missing or the data are shorter than the label says.
         """
+        if isinstance(message, bytes):
+            values = self._bytes.unpack(message)
+            if values is not None:
+                return values
+            message = _deserialise(message, _messages().Array)
         dims = message.layout.dim
         label = dims[0].label if len(dims) else ""
         if label not in self._columns:
@@ -133,10 +154,10 @@ class RewardRows(Rows):
     def __init__(self) -> None:
         super().__init__("reward", REWARD)
 
-    def of(self, observation: Observation) -> Any:
-        """Message of an observation."""
+    def of(self, observation: Observation) -> bytes:
+        """Serialised message of an observation."""
         o = observation
-        return self.message(
+        return self.pack(
             o.episode, o.step, *split(o.stamp), o.reward, o.terminated, o.truncated, o.action
         )
 
@@ -163,10 +184,10 @@ class SampleRows(Rows):
         super().__init__("sample", sample_names(variables))
         self.n_dims = len(variables)
 
-    def of(self, sample: Sample) -> Any:
-        """Message of a sample."""
+    def of(self, sample: Sample) -> bytes:
+        """Serialised message of a sample."""
         t = sample.transition
-        return self.message(
+        return self.pack(
             sample.episode, sample.step, *split(sample.stamp), *t.state, t.action, t.reward,
             *t.next_state, t.terminated, t.truncated, sample.source,
         )  # fmt: skip
@@ -198,6 +219,12 @@ def type_name(message: Any) -> str:
     return f"{package}/msg/{type(message).__name__}"
 
 
+def _deserialise(data: bytes, kind: Any) -> Any:
+    from rclpy.serialization import deserialize_message
+
+    return deserialize_message(data, kind)
+
+
 def whole(value: float) -> int:
     """Integer of a float entry; -1 for what is no integer (as NaN)."""
     return int(value) if abs(value) < 2.0**53 and float(value).is_integer() else -1
@@ -222,32 +249,37 @@ class JointStates:
     joints : sequence of str
     """
 
+    kind = "sensor_msgs/msg/JointState"
+
     def __init__(self, joints: Sequence[str]) -> None:
         self._joints = list(joints)
+        self._bytes = cdr.JointStateBytes(joints)
 
     @property
     def type(self) -> Any:
         """Of the messages."""
         return _messages().JointState
 
-    def of(self, observation: Observation, message: Any = None) -> Any:
-        """Message of an observation; one made before is filled, which saves most of making one."""
-        message = self.type() if message is None else message
+    def of(self, observation: Observation) -> bytes:
+        """Serialised message of an observation."""
         values = observation.state.tolist()
-        message.name = self._joints
-        message.position = array.array("d", values[0::2])
-        message.velocity = array.array("d", values[1::2])
-        message.header.stamp.sec, message.header.stamp.nanosec = split(observation.stamp)
-        return message
+        return self._bytes.pack(*split(observation.stamp), values[0::2], values[1::2])
 
     def state(self, message: Any) -> tuple[NDArray[np.float64], int]:
-        """State and stamp [ns] of a message; joints are found by name.
+        """State and stamp [ns] of a message, or of its bytes; joints are found by name.
 
         Raises
         ------
         InputError
             When a joint is missing or has no position or velocity.
         """
+        state = np.empty(2 * len(self._joints))
+        if isinstance(message, bytes):
+            found = self._bytes.unpack(message)
+            if found is not None:
+                sec, nanosec, state[0::2], state[1::2] = found
+                return state, sec * NANOSECONDS + nanosec
+            message = _deserialise(message, self.type)
         joints, names = self._joints, list(message.name)
         missing = [joint for joint in joints if joint not in names]
         if missing:
@@ -259,7 +291,6 @@ class JointStates:
                 f"state has {len(message.position)} positions and {len(message.velocity)} "
                 f"velocities; allowed: {len(names)} of each, one per joint"
             )
-        state = np.empty(2 * len(joints))
         for d, joint in enumerate(joints):
             column = names.index(joint)
             state[2 * d] = message.position[column]
@@ -279,13 +310,13 @@ class StateRows(Rows):
         """Of the messages."""
         return _messages().Array
 
-    def of(self, observation: Observation, message: Any = None) -> Any:
-        """Message of an observation."""
+    def of(self, observation: Observation) -> bytes:
+        """Serialised message of an observation."""
         o = observation
-        return self.message(o.episode, o.step, *split(o.stamp), *o.state.tolist())
+        return self.pack(o.episode, o.step, *split(o.stamp), *o.state.tolist())
 
     def state(self, message: Any) -> tuple[NDArray[np.float64], int]:
-        """State and stamp [ns] of a message.
+        """State and stamp [ns] of a message, or of its bytes.
 
         Raises
         ------

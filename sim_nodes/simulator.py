@@ -18,7 +18,7 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
-from iolspi_ros.vehicle_topics import VehicleTopics
+from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
@@ -81,7 +81,9 @@ class Simulator(ManagedNode):
         self._clock_message = Clock()
         self._markers = Markers(self, self.world.task)
         self._kept = [
-            self.create_subscription(Float64MultiArray, "action", self._on_action, qos.CONTROL),
+            self.create_subscription(
+                Float64MultiArray, "action", self._on_action, qos.CONTROL, raw=True
+            ),
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/pause", self._on_pause),
         ]
@@ -178,12 +180,14 @@ class Simulator(ManagedNode):
 
     def _repeat(self) -> None:
         late = time.monotonic() - self._published > 0.9 * self.settings.resend_after
-        if self.active and self._begun and late:
+        if self._begun and late:
             self._publish()
 
     def _publish(self) -> None:
+        if not self._moving:
+            return
         self._published = time.monotonic()
-        if self._clock_out is not None:
+        if self._clock_out is not None and self._clock_out.get_subscription_count():
             now = self._clock_message.clock
             now.sec, now.nanosec = wire.split(self._observation.stamp)
             runtime.publish(self._clock_out, self._clock_message)
@@ -194,7 +198,22 @@ class Simulator(ManagedNode):
 
     def _on_action(self, message: Any) -> None:
         answer = self._topics.read(message)
-        if answer is None or not self._moving or answer.episode != self._episode:
+        if answer is not None:
+            self.take(answer)
+
+    def handed_over(self) -> Observation | None:
+        """The observation to be answered by a learner in this process; each comes once.
+
+        From the first call on the topics carry only what somebody listens to.
+        """
+        if not self.active:
+            return None
+        self._topics.local = True
+        return self._topics.take_pending()
+
+    def take(self, answer: Answer) -> None:
+        """Take an action that answers an observation."""
+        if not self._moving or answer.episode != self._episode:
             return
         if self.settings.mode == "lockstep":
             if answer.step == self._observation.step:

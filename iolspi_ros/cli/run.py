@@ -47,7 +47,7 @@ def run(
         first = ["--ros-args"]
         if file := resources.config(task):
             first += ["--params-file", str(file)]
-        if node == "simulator":
-            first += ["-p", f"task:={task}"]
+        if node in ("simulator", "graph"):
+            first += ["-p", f"simulator:task:={task}"]
     sys.argv = [node, *first, *context.args]
     raise SystemExit(start(node))

@@ -30,7 +30,7 @@ class Controller(Protocol):
         """Action for an observation whose state is finite and not the last of its episode."""
         ...
 
-    def answered(self, observation: Observation, source: Source, answer: Any) -> None:
+    def answered(self, observation: Observation, source: Source, answer: bytes) -> None:
         """Take an observation and the message that answered it; the vehicle moves already."""
         ...
 
@@ -58,10 +58,18 @@ class ControlLoop:
     controller : Controller
     timeout : float
         Seconds from `start` to the first state, after which to give up; 0 for never.
+    local : bool
+        The vehicle is in this process: it hands its observations to `respond`.
     """
 
     def __init__(
-        self, node: Host, task: TaskDescription, controller: Controller, timeout: float
+        self,
+        node: Host,
+        task: TaskDescription,
+        controller: Controller,
+        timeout: float,
+        *,
+        local: bool = False,
     ) -> None:
         self._node, self._task, self._controller = node, task, controller
         self._timeout = timeout
@@ -70,18 +78,24 @@ class ControlLoop:
         self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
         self._newest = (-1, -1)
         self._older = 0
-        self._answer: Any = None
+        self._answer = b""
+        self._action = task.neutral
         self._heard = False
         self._watch: Any = None
         self.running = False
         self.invalid = 0
+        self._local = local
+        listened: tuple[tuple[Any, str, Any], ...] = (
+            ()
+            if local
+            else (
+                (wire.states(task).type, "state", self._receive_state),
+                (Float64MultiArray, "reward", self._receive_reward),
+            )
+        )
         self._heard_on = [
-            node.create_subscription(
-                wire.states(task).type, "state", self._receive_state, qos.CONTROL
-            ),
-            node.create_subscription(
-                Float64MultiArray, "reward", self._receive_reward, qos.CONTROL
-            ),
+            node.create_subscription(kind, topic, receive, qos.CONTROL, raw=True)
+            for kind, topic, receive in listened
         ]
 
     def start(self) -> None:
@@ -124,22 +138,36 @@ class ControlLoop:
         if observation is not None and self.running:
             self._respond(observation)
 
+    def respond(self, observation: Observation) -> int | None:
+        """Answer an observation of a vehicle in this process; None while nobody acts."""
+        self._heard = True
+        if not self.running:
+            return None
+        self._pairer.take(observation)
+        self._respond(observation)
+        return self._action if self._newest == (observation.episode, observation.step) else None
+
     def _respond(self, observation: Observation) -> None:
         key = (observation.episode, observation.step)
         if self._started_anew(key):
             return  # what comes next is paired afresh
         if key == self._newest:
-            runtime.publish(self._out, self._answer)
+            self._publish()
             return
         for before, transition in self._pairer.transitions(observation):
             self._controller.transition(before, transition)
         if key < self._newest or not self.running:
             return
         self._newest = key
-        action, source = self._choose(observation)
-        self._answer = self._rows.message(*key, *wire.split(observation.stamp), action, source)
-        runtime.publish(self._out, self._answer)
+        self._action, source = self._choose(observation)
+        stamp = wire.split(observation.stamp)
+        self._answer = self._rows.pack(*key, *stamp, self._action, source)
+        self._publish()
         self._controller.answered(observation, source, self._answer)
+
+    def _publish(self) -> None:
+        if not self._local or self._out.get_subscription_count():
+            runtime.publish(self._out, self._answer)
 
     def _started_anew(self, key: tuple[int, int]) -> bool:
         """Whether the simulator counts from the beginning again: only old keys for a while."""

@@ -162,7 +162,8 @@ class Demonstrator(ManagedNode):
         """Start recording, if that is wanted, and say that a demonstration begins."""
         if self.settings.record:
             self._bag = bags.BagWriter(Path(self.settings.record).expanduser())
-            self.record("task", 0, wire.task_message(self.task))
+            task = wire.task_message(self.task)
+            self.record("task", wire.type_name(task), 0, serialize_message(task))
         self._announce(active=True)
 
     def end(self) -> None:
@@ -174,7 +175,7 @@ class Demonstrator(ManagedNode):
     def send(self, sample: Sample) -> None:
         """Record one transition, and publish it as soon as the listeners keep up."""
         message = self._rows.of(sample)
-        self.record("sample", sample.stamp, message)
+        self.record("sample", wire.ROW, sample.stamp, message)
         self._waiting.append(message)
         self.flush()
         self._sent += 1
@@ -192,10 +193,10 @@ class Demonstrator(ManagedNode):
             self._waiting.popleft()
         return True
 
-    def record(self, topic: str, stamp: int, message: Any) -> None:
-        """Write a message to the bag, if one is being recorded."""
+    def record(self, topic: str, kind: str, stamp: int, data: bytes) -> None:
+        """Write a serialised message to the bag, if one is being recorded."""
         if self._bag is not None:
-            self._bag.write(topic, wire.type_name(message), stamp, serialize_message(message))
+            self._bag.write(topic, kind, stamp, data)
 
     def listeners(self) -> int:
         """How many nodes take samples."""

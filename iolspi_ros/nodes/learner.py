@@ -64,10 +64,18 @@ _REPEATED = ("task", "joints", "neutral", "n_actions", "sampling_time", "gamma")
 
 
 class LearnerNode(ManagedNode):
-    """Takes `task`, `state`, `reward`, `sample`, `demonstration`; gives `action` and reports."""
+    """Takes `task`, `state`, `reward`, `sample`, `demonstration`; gives `action` and reports.
 
-    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+    local : bool
+        The vehicle is in this process: it hands its observations to `respond`.
+    """
+
+    def __init__(self, arguments: Sequence[str] | None = None, *, local: bool = False) -> None:
         super().__init__("learner", arguments)
+        self._local = local
         self.settings = parameters.declare(self, NodeSettings, ("checkpoint",))
         self._class = learner_class(self.settings.learner)
         parameters.declare(self, self._class.Settings, self._class.changeable)
@@ -171,7 +179,7 @@ class LearnerNode(ManagedNode):
             self._saved = path
             self.get_logger().info(f"resumed from {path} at step {core.step}")
         self._demonstrations = Demonstrations(task)
-        self._loop = ControlLoop(self, task, self, s.vehicle_timeout)
+        self._loop = ControlLoop(self, task, self, s.vehicle_timeout, local=self._local)
         self._reports = Reports(self, core)
         self._reports.weights()
         self._subscriptions_of_demonstrations = [
@@ -207,6 +215,10 @@ class LearnerNode(ManagedNode):
             self.get_logger().info(f"acting on {self.resolve_topic_name('action')}")
 
     # ------------------------------------------------------------ in the control loop
+
+    def respond(self, observation: Observation) -> int | None:
+        """Answer a vehicle in this process; None while this node does not act."""
+        return None if self.core is None else self._loop.respond(observation)
 
     def transition(self, before: Observation, transition: Transition) -> None:
         """Learn from a step."""

@@ -42,8 +42,8 @@ class SamplesOut(Protocol):
         """Publish what waits; False when a slow listener made some of it wait longer."""
         ...
 
-    def record(self, topic: str, stamp: int, message: Any) -> None:
-        """Write a message to the bag, if one is being recorded."""
+    def record(self, topic: str, kind: str, stamp: int, data: bytes) -> None:
+        """Write a serialised message to the bag, if one is being recorded."""
         ...
 
     def listeners(self) -> int:

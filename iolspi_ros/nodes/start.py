@@ -15,6 +15,7 @@ NODES = {
     "demonstrator": "iolspi_ros.nodes.demonstrator",
     "learner": "iolspi_ros.nodes.learner",
     "bridge": "msg_bridge.mavlink.node",
+    "graph": "iolspi_ros.nodes.composition",
 }
 
 
@@ -59,6 +60,11 @@ def learner() -> int:
 def bridge() -> int:
     """Run the bridge."""
     return start("bridge")
+
+
+def graph() -> int:
+    """Run simulator and learner in one process."""
+    return start("graph")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import Joy
@@ -94,12 +93,12 @@ class Teleop:
             self._node.get_logger().info("the joystick is there; flying")
             self._begin()
 
-    def answered(self, observation: Observation, source: Source, answer: Any) -> None:
+    def answered(self, observation: Observation, source: Source, answer: bytes) -> None:
         """Record what the vehicle showed and what it was told; end after the last episode."""
         stamp = observation.stamp
-        self._node.record("state", stamp, self._states.of(observation))
-        self._node.record("reward", stamp, self._rewards.of(observation))
-        self._node.record("action", stamp, answer)
+        self._node.record("state", self._states.kind, stamp, self._states.of(observation))
+        self._node.record("reward", wire.ROW, stamp, self._rewards.of(observation))
+        self._node.record("action", wire.ROW, stamp, answer)
         if self._ended >= self._settings.episodes:
             self._over = True
             self._loop.stop()
