@@ -1,19 +1,59 @@
+"""What every test has: a numba cache of this run, hypothesis' profiles, nodes, and a graph."""
+
 import contextlib
+import fcntl
+import importlib
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from iolspi_ros.graph import free_domain
+from iolspi_ros.nodes.start import NODES
 from iolspi_ros.process import prepare
 
-prepare()  # none of these imports has loaded numpy
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+MADE_CACHE = "PYTEST_XDIST_WORKER" not in os.environ and "NUMBA_CACHE_DIR" not in os.environ
+if MADE_CACHE:  # empty at first: what was compiled before the code changed is in nobody's way
+    os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="iolspi-numba-")
+
+prepare()  # none of these imports has loaded numpy or numba
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+# The machine may be busy with anything, so no example has a deadline.
+SLOW_ONES = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+settings.register_profile("quick", deadline=None, suppress_health_check=SLOW_ONES)
+settings.register_profile("thorough", parent=settings.get_profile("quick"), max_examples=2000)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
+
+
+def pytest_unconfigure():
+    if MADE_CACHE:
+        shutil.rmtree(os.environ["NUMBA_CACHE_DIR"], ignore_errors=True)
+
+
+def sweep_shared_memory():
+    """Remove what Fast DDS' killed processes left in shared memory: nobody holds its lock."""
+    for lock in Path("/dev/shm").glob("fastrtps_*_[es]l"):
+        try:
+            with lock.open("ab") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            continue  # in use, or gone
+        segment = lock.with_name(re.sub("_[es]l$", "", lock.name))
+        for path in (segment, lock, lock.with_name(f"sem.{segment.name}_mutex")):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
 
 class Nodes:
@@ -23,6 +63,7 @@ class Nodes:
         own = {"ROS_DOMAIN_ID": str(domain), "XDG_CACHE_HOME": str(folder / "cache")}
         self.folder, self.env = folder, os.environ | own
         self.processes = {}
+        self.killed = False
 
     def start(self, node, *arguments, name=None):
         log = (self.folder / f"{name or node}.log").open("wb")
@@ -46,6 +87,7 @@ class Nodes:
         """Exit status, which it must have soon."""
         process = self.processes.pop(name)
         process.send_signal(number)
+        self.killed |= number == signal.SIGKILL
         try:
             return process.wait(deadline)
         finally:
@@ -61,16 +103,23 @@ class Nodes:
         return status, self.log(node)
 
     def close(self):
+        killed = False
         for process in self.processes.values():
             if process.poll() is None:
                 process.kill()
-            process.wait()
+                killed = True
+            killed |= process.wait() == -signal.SIGKILL
+        if killed or self.killed:
+            sweep_shared_memory()
 
 
 @pytest.fixture
 def domain():
-    """A ROS domain of this test's own."""
-    return free_domain()
+    """A ROS domain of this test's own; workers that begin at once have others."""
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    while (found := free_domain()) % workers != WORKER % workers:
+        pass
+    return found
 
 
 @pytest.fixture
@@ -96,3 +145,47 @@ def spin_until(executor, ready, deadline=20.0):
     while not ready():
         assert time.monotonic() < end, "deadline"
         executor.spin_once(timeout_sec=0.05)
+
+
+@pytest.fixture
+def run_here(domain, monkeypatch, capfd):
+    """Run a node in this process to its own end; its exit status and what it said."""
+
+    def run(node, *arguments):
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setattr(sys, "argv", [node, "--ros-args", *map(str, arguments)])
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        before = [signal.getsignal(number) for number in numbers]
+        capfd.readouterr()
+        try:
+            status = importlib.import_module(NODES[node]).main()
+        finally:
+            for number, handler in zip(numbers, before, strict=True):
+                signal.signal(number, handler)
+        said = capfd.readouterr()
+        return status, said.out + said.err
+
+    return run
+
+
+@pytest.fixture
+def vehicle(domain):
+    """Say in the domain what a vehicle's task is, on a node that nobody has to spin."""
+    import rclpy
+    from rclpy.node import Node
+    from std_msgs.msg import String
+
+    from iolspi_ros import qos, wire
+
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = Node("vehicle", context=context, use_global_arguments=False)
+
+    def say(task, topic="task"):
+        publisher = node.create_publisher(String, topic, qos.LATCHED)
+        publisher.publish(wire.task_message(task))
+        return publisher
+
+    yield say
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)

@@ -9,27 +9,30 @@ import numpy as np
 import pytest
 from conftest import spin_until
 from diagnostic_msgs.msg import DiagnosticArray
-from iolspi_ros.nodes.stick import Stick, StickSettings
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import bags, qos, runtime, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
+from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
 from iolspi_ros.resources import find
+from sim_nodes.tasks.pendulum import Pendulum
 
 SET_5 = find("demos", "pendulum", "set_5")
 CONFIG = find("config", "pendulum.yaml")
-UNINFORMED = ("-p", "informed:=false")
+TASK = Pendulum.description
+STATES = wire.states(TASK)
+AT_ONCE = ("-p", "wait_for_demonstrations:=false")
 
 
 class Peer:
-    """A node in this process that listens and talks."""
+    """A node in this process that listens and talks; also in a vehicle's place."""
 
     def __init__(self, rclpy):
         self.node = rclpy.create_node("peer")
@@ -43,6 +46,12 @@ class Peer:
 
     def publisher(self, topic, kind, profile=qos.CONTROL):
         return self.node.create_publisher(kind, topic, profile)
+
+    def be_vehicle(self, task=TASK):
+        """Say what the task is; the publisher lives as long as the peer."""
+        publisher = self.publisher("task", String, qos.LATCHED)
+        publisher.publish(wire.task_message(task))
+        return publisher
 
     def until(self, ready, deadline=20.0):
         spin_until(self.executor, ready, deadline)
@@ -188,12 +197,12 @@ def test_learning_in_real_time_with_solves_beside(nodes, peer):
     peer.listen("/diagnostics", DiagnosticArray, qos.OUTGOING)
     nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=2.0")
     nodes.start(
-        "learner", *UNINFORMED, "-p", "background:=true", "-p", "update_interval:=100",
+        "learner", *AT_ONCE, "-p", "background:=true", "-p", "update_interval:=100",
         "-p", "delta:=1.0",
     )  # fmt: skip
     peer.until(lambda: len(peer.heard["score"]) >= 2 and len(peer.heard["update"]) >= 3)
     rows = wire.Rows("update", wire.UPDATE)
-    updates = [dict(zip(wire.UPDATE, rows.read(m), strict=True)) for m in peer.heard["update"]]
+    updates = [rows.read_all(m) for m in peer.heard["update"]]
     first = updates[0]["number"]
     assert [u["number"] for u in updates] == [first + k for k in range(len(updates))]
     assert all(u["status"] == 0 and u["rank"] == 363 and u["residual"] < 1e-6 for u in updates)
@@ -208,7 +217,7 @@ def test_learning_can_be_turned_off_saved_and_loaded(nodes, peer, tmp_path):
     path = tmp_path / "c.npz"
     peer.listen("action", Float64MultiArray)
     peer.listen("score", Float64MultiArray, qos.OUTGOING)
-    nodes.start("learner", *UNINFORMED, "-p", f"checkpoint:={path}", "-p", "epsilon:=1.0")
+    nodes.start("learner", *AT_ONCE, "-p", f"checkpoint:={path}", "-p", "epsilon:=1.0")
     nodes.start("simulator")
     both = {Source.EXPLORE, Source.HOLD}
     peer.until(lambda: {m.data[5] for m in peer.heard["action"]} >= both)
@@ -237,7 +246,8 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
     peer.listen("/diagnostics", DiagnosticArray, qos.OUTGOING)
     state_out = peer.publisher("state", JointState)
     reward_out = peer.publisher("reward", Float64MultiArray)
-    nodes.start("learner", *UNINFORMED)
+    peer.be_vehicle()
+    nodes.start("learner", *AT_ONCE)
     peer.until(lambda: state_out.get_subscription_count() and reward_out.get_subscription_count())
     rows = wire.RewardRows()
     observations = [
@@ -250,7 +260,7 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
         stamp = (k + 1) * 5_000_000
 
         def answered(k=k, o=o, stamp=stamp):
-            state_out.publish(wire.state_message(("shaft",), o.state, stamp))
+            state_out.publish(STATES.of(o._replace(stamp=stamp)))
             reward_out.publish(rows.of(o._replace(stamp=stamp)))
             return any(m.data[1] == k for m in peer.heard["action"])
 
@@ -262,7 +272,7 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
     def counted():
         values = [v for m in peer.heard["/diagnostics"] for v in m.status[0].values]
         found = {v.key: v.value for v in values}
-        dropped = found.get("transitions dropped (not finite)")
+        dropped = found.get("transitions dropped")
         return dropped == "2" and int(found["messages ignored"]) >= 2
 
     peer.until(counted)
@@ -271,9 +281,10 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
 def test_a_demonstration_of_no_numbers_is_refused_and_another_awaited(nodes, peer):
     sample_out = peer.publisher("sample", Float64MultiArray, qos.SAMPLES)
     demonstration_out = peer.publisher("demonstration", Float64MultiArray, qos.LATCHED)
-    nodes.start("learner", "-p", "simulator_timeout:=0.0")
+    peer.be_vehicle()
+    nodes.start("learner", "-p", "vehicle_timeout:=0.0")
     peer.until(lambda: sample_out.get_subscription_count())
-    rows, ends = wire.SampleRows(("shaft",)), wire.Rows("demonstration", wire.DEMONSTRATION)
+    rows, ends = wire.SampleRows(TASK.names), wire.Rows("demonstration", wire.DEMONSTRATION)
     for k, reward in enumerate([np.nan] * 5 + [-1.0] * 5):
         t = Transition(np.array([0.1 * k, 0.0]), 1, reward, np.zeros(2))
         sample_out.publish(rows.of(Sample(0, k, k, t, 4)))
@@ -284,14 +295,15 @@ def test_a_demonstration_of_no_numbers_is_refused_and_another_awaited(nodes, pee
     nodes.wait_for("learner", "acting on")
 
 
-def test_a_learner_interrupted_while_learning_offline_ends_soon_and_saves(nodes, tmp_path):
+def test_a_learner_interrupted_while_learning_offline_ends_soon_and_saves(nodes, peer, tmp_path):
     path = tmp_path / "c.npz"
+    peer.be_vehicle()
     nodes.start(
         "learner", "-p", "centers:=[21, 21]", "-p", "chi:=0.0", "-p", "max_iterations:=100000",
         "-p", f"checkpoint:={path}",
     )  # fmt: skip
     nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]")
-    nodes.wait_for("learner", "offline LSPI on 6300")
+    nodes.wait_for("learner", "learning offline from 6300")
     status = nodes.end("learner", signal.SIGINT)
     assert (status, path.is_file()) == (0, True)
 
@@ -313,7 +325,7 @@ def test_waiting_nodes_end_at_once(nodes, number):
 def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
     """As `ros2 launch` sends them: to the process group, and once more itself."""
     nodes.start("simulator")
-    nodes.start("learner", *UNINFORMED)
+    nodes.start("learner", *AT_ONCE)
     nodes.wait_for("learner", "")
     time.sleep(delay)  # not a wait for anything: the moment is what is tried
     for process in nodes.processes.values():
@@ -327,12 +339,12 @@ def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
 
 def test_a_simulator_that_starts_anew_is_answered_again(nodes, peer):
     peer.listen("score", Float64MultiArray, qos.REPORTS)
-    nodes.start("learner", *UNINFORMED)
+    nodes.start("learner", *AT_ONCE)
     nodes.start("simulator", "-p", "seed:=1")
     peer.until(lambda: len(peer.heard["score"]) >= 3)
     nodes.end("simulator", signal.SIGKILL)
     nodes.start("simulator", "-p", "seed:=2")
-    nodes.wait_for("learner", "the simulator has started anew")
+    nodes.wait_for("learner", "the vehicle has started anew")
     peer.until(lambda: [m.data[0] for m in peer.heard["score"]].count(0.0) >= 2)  # of both runs
     peer.until(lambda: peer.heard["score"][-1].data[0] >= 2.0)
 
@@ -340,8 +352,9 @@ def test_a_simulator_that_starts_anew_is_answered_again(nodes, peer):
 # ---------------------------------------------------------------- demonstrator
 
 
-def test_a_stopped_learner_makes_the_demonstrator_wait_and_nothing_is_lost(nodes):
-    learner = nodes.start("learner", "-p", "simulator_timeout:=0.0")
+def test_a_stopped_learner_makes_the_demonstrator_wait_and_nothing_is_lost(nodes, peer):
+    peer.be_vehicle()
+    learner = nodes.start("learner", "-p", "vehicle_timeout:=0.0")
     nodes.start("demonstrator", "-p", f"bags:=[{SET_5}, {SET_5}]")
     nodes.wait_for("demonstrator", "6300 samples")
     learner.send_signal(signal.SIGSTOP)
@@ -349,7 +362,7 @@ def test_a_stopped_learner_makes_the_demonstrator_wait_and_nothing_is_lost(nodes
         time.sleep(3.0)  # far longer than DDS itself would wait
     finally:
         learner.send_signal(signal.SIGCONT)
-    nodes.wait_for("learner", "offline LSPI on 12600 demonstrated samples")
+    nodes.wait_for("learner", "learning offline from 12600 demonstrated samples")
     assert "lost" not in nodes.log("learner")
 
 
@@ -361,7 +374,7 @@ def test_a_stick_makes_samples_of_a_person(nodes, peer, tmp_path):
         "demonstrator", "-p", "source:=joy", "-p", "episodes:=1", "-p", "joy_buttons:=[-1, 1]",
         "-p", f"record:={tmp_path / 'bag'}", "-p", "joy_timeout:=60.0",
     )  # fmt: skip
-    rows, sent = wire.SampleRows(("shaft",)), []
+    rows, sent = wire.SampleRows(TASK.names), []
 
     def steer():
         left = len(peer.heard["sample"]) < 100
@@ -388,7 +401,7 @@ def test_a_killed_demonstrator_leaves_what_it_recorded(nodes, peer, tmp_path):
     nodes.start("demonstrator", *flown, "-p", f"record:={tmp_path / 'bag'}")
     peer.until(lambda: len(peer.heard["sample"]) >= 500)
     nodes.end("demonstrator", signal.SIGKILL)
-    found = bags.read_demonstration(tmp_path / "bag", "pendulum", ("shaft",))
+    found = bags.read_demonstration(tmp_path / "bag", TASK)
     assert len(found.samples) >= 500
     assert "was not closed" in found.notes[0]
 
@@ -401,13 +414,14 @@ def test_a_stopped_demonstrator_closes_its_bag(nodes, peer, tmp_path):
     peer.until(lambda: len(peer.heard["sample"]) >= 100)
     status = nodes.end("demonstrator", signal.SIGTERM)
     assert status == 0
-    found = bags.read_demonstration(tmp_path / "bag", "pendulum", ("shaft",))
+    found = bags.read_demonstration(tmp_path / "bag", TASK)
     assert found.notes == []
     assert found.card["samples"] == len(found.samples) >= 100
 
 
 def test_a_replay_can_keep_the_recorded_time(nodes, peer):
     """31.6 s of vehicle time at twenty times the speed: never faster than that."""
+    peer.be_vehicle()
     peer.listen("sample", Float64MultiArray, qos.SAMPLES)
     peer.listen("demonstration", Float64MultiArray, qos.LATCHED)
     nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]", "-p", "rate:=20.0")
@@ -421,13 +435,13 @@ def test_a_replay_can_keep_the_recorded_time(nodes, peer):
 
 def test_an_axis_may_leave_the_last_action_to_a_button():
     """As for the slung load: -3, 0, +3 m/s² on the stick, the release on the first button."""
-    stick = Stick(StickSettings(joy_actions=3, joy_buttons=(3,)), 4, 1)
+    stick = Joystick(JoystickSettings(joy_actions=3, joy_buttons=(3,)), 4, 1)
     chosen = []
     for axis, button in ((1.0, 0), (0.0, 0), (-1.0, 0), (-1.0, 1), (0.9, 0)):
         stick.take(Joy(axes=[axis], buttons=[button]))
         chosen.append(stick.action())
     assert chosen == [0, 1, 2, 3, 0]
-    everything = Stick(StickSettings(), 4, 1)
+    everything = Joystick(JoystickSettings(), 4, 1)
     everything.take(Joy(axes=[-1.0], buttons=[]))
     assert everything.action() == 3
 
@@ -443,16 +457,17 @@ def test_without_a_joystick_nothing_is_recorded(nodes, peer, tmp_path):
     assert not bag.exists()
 
 
-def test_a_checkpoint_of_before_is_never_overwritten(nodes, tmp_path):
+def test_a_checkpoint_of_before_is_never_overwritten(nodes, peer, tmp_path):
     path = tmp_path / "policy.npz"
     path.write_bytes(b"what another learner learned")
-    nodes.start("learner", *UNINFORMED, "-p", f"checkpoint:={path}")
+    peer.be_vehicle()
+    nodes.start("learner", *AT_ONCE, "-p", f"checkpoint:={path}")
     nodes.wait_for("learner", "acting on")
     assert nodes.end("learner") == 0
     assert path.read_bytes() == b"what another learner learned"  # nothing was learned
     for k in (1, 2):
         nodes.start("simulator", "-p", "episodes:=1")
-        nodes.start("learner", *UNINFORMED, "-p", "update_interval:=100", "-p",
+        nodes.start("learner", *AT_ONCE, "-p", "update_interval:=100", "-p",
                     f"checkpoint:={path}", name="again")  # fmt: skip
         nodes.wait_for("simulator", "done: 1 episodes")
         assert nodes.end("again") == 0
@@ -473,40 +488,60 @@ def yaml_file(folder, node, text):
 @pytest.mark.parametrize(
     ("node", "text", "words"),
     [
-        ("simulator", "task: pendulm", "task is 'pendulm'; allowed: pendulum"),
+        ("simulator", "task: pendulm", "task is 'pendulm'; allowed: cart_pole, pendulum"),
         ("simulator", "g: -9.81", "parameter g is -9.81; allowed: a double such as 1.0 from 0.0"),
         ("simulator", "g: 10", "parameter g is 10; allowed: a double"),
         ("simulator", "mode: sometimes", "mode is 'sometimes'; allowed: lockstep, realtime"),
         ("simulator", "sensor_noise: [0.1, 0.2, 0.3]", "sensor_noise has 3 entries"),
-        ("learner", "gamma: 1.5", "parameter gamma is 1.5; allowed"),
-        ("learner", "gamma: 1.0", "gamma is 1.0; allowed: [0.0, 1.0)"),
+        ("learner", "gamma: 1.5", "gamma is 1.5 in what the learner was given, and 0.98 in the"),
+        ("learner", "task: kite", "task is 'kite' in what the learner was given, and 'pendulum'"),
+        (
+            "demonstrator",
+            f"task: kite\n    bags: [{SET_5}]",
+            "task is 'kite' in what the demonstrator was given",
+        ),
+        ("learner", "epsilon_decay: 1.5", "parameter epsilon_decay is 1.5; allowed"),
+        ("learner", "forget_factor: 0.0", "forget_factor is 0.0; allowed: (0.0, 1.0]"),
+        ("learner", "learner: genius", "learner is 'genius'; allowed: iolspi"),
         ("learner", "update_interval: 0", "parameter update_interval is 0; allowed"),
         ("learner", "update_interval: often", "update_interval is 'often'; allowed: an integer"),
         ("learner", "centers: [0, 3]", "centers is 0; allowed: [1, inf]"),
-        ("learner", "centers: [3]", "allowed: one each per dimension"),
-        ("learner", "low: [9.0, 9.0]", "allowed: low < high"),
+        ("learner", "centers: [3]", "centers has 1 entries; allowed: 2, one for each of shaft"),
+        ("learner", "low: [9.0, 90.0]", "allowed: low < high"),
         ("learner", "{resume: true, checkpoint: /nowhere/c.npz}", "/nowhere/c.npz does not exist"),
         ("learner", "resume: true", "parameter checkpoint is empty"),
         ("demonstrator", "bags: [/nowhere/bag]", "bag /nowhere/bag does not exist"),
         ("demonstrator", "source: bag", "parameter bags is empty"),
         ("demonstrator", "corruption: 1.1", "parameter corruption is 1.1; allowed"),
-        ("demonstrator", "source: scripted\n    simulator_timeout: 0.3", "no simulator: nothing"),
+        ("demonstrator", "source: scripted\n    vehicle_timeout: 0.3", "no vehicle: nothing"),
         ("demonstrator", f"bags: [{SET_5}]\n    learner_timeout: 0.3", "nobody listens on"),
-        ("learner", "informed: false\n    simulator_timeout: 0.3", "no simulator: nothing on"),
+        ("learner", "vehicle_timeout: 0.3", "no vehicle: nothing on"),
     ],
 )
-def test_bad_input_is_named_in_one_line_with_status_2(nodes, tmp_path, node, text, words):
-    status, said = nodes.finish(node, "--params-file", yaml_file(tmp_path, node, text))
+def test_bad_input_is_named_in_one_line_with_status_2(
+    run_here, vehicle, tmp_path, node, text, words
+):
+    if "vehicle_timeout" not in text:
+        vehicle(TASK)
+    status, said = run_here(node, "--params-file", yaml_file(tmp_path, node, text))
     assert words in said
     assert (status, "Traceback" in said) == (2, False), said
 
 
-def test_a_parameter_file_that_is_none_is_named(nodes, tmp_path):
-    status, said = nodes.finish("simulator", "--params-file", str(tmp_path / "none.yaml"))
+@pytest.mark.parametrize("node", ["simulator", "demonstrator", "learner"])
+def test_bad_input_ends_the_process_as_it_ends_main(nodes, tmp_path, node):
+    bad = yaml_file(tmp_path, node, "seed: -1")
+    status, said = nodes.finish(node, "--params-file", bad)
+    assert (status, "Traceback" in said) == (2, False), said
+    assert "parameter seed is -1; allowed" in said
+
+
+def test_a_parameter_file_that_is_none_is_named(run_here, tmp_path):
+    status, said = run_here("simulator", "--params-file", str(tmp_path / "none.yaml"))
     assert (status, "Traceback" in said) == (2, False), said
     assert "none.yaml" in said
     (tmp_path / "junk.yaml").write_text("]: [")
-    status, said = nodes.finish("simulator", "--params-file", str(tmp_path / "junk.yaml"))
+    status, said = run_here("simulator", "--params-file", str(tmp_path / "junk.yaml"))
     assert (status, "Traceback" in said) == (2, False), said
 
 
@@ -521,10 +556,11 @@ def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(nodes, peer, tmp_path):
     whole = next(SET_5.glob("*.mcap")).read_bytes()
     (path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     peer.listen("demonstration", Float64MultiArray, qos.LATCHED)
+    peer.be_vehicle()
     nodes.start("demonstrator", "-p", f"bags:=[{path}]", "-p", "learner_timeout:=0.0")
     nodes.wait_for("demonstrator", "was cut off: it was not closed, and its last")
     nodes.start("learner")
-    nodes.wait_for("learner", "offline LSPI on")
+    nodes.wait_for("learner", "learning offline from")
     samples = peer.heard["demonstration"]
     peer.until(lambda: samples and samples[-1].data[4] == 0.0)
     assert 500 < samples[-1].data[5] < 6300

@@ -150,5 +150,7 @@ def test_bad_settings_name_file_field_and_range(values, words):
 
 
 def test_an_unknown_task_lists_those_that_there_are():
-    with pytest.raises(InputError, match="task is 'pendulm'; allowed: cart_pole, pendulum, slung_load"):
+    with pytest.raises(
+        InputError, match="task is 'pendulm'; allowed: cart_pole, pendulum, slung_load"
+    ):
         make_task("pendulm", {}, "")
