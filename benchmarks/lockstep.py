@@ -1,8 +1,8 @@
 """Lockstep steps per second of simulator and learner, against bare rclpy.
 
-Two processes each, in turns in one run: our simulator and learner; and a bare ping-pong of the
-same messages (state, reward and clock one way, action the other) on the same executor, which
-computes nothing. docs/benchmarks.md keeps what this prints.
+In turns in one run: a bare ping-pong of the four messages (state, reward and clock one way, action
+the other) between two processes on the same executor, which computes nothing; our simulator and
+learner in two processes; and both composed in one. docs/benchmarks.md keeps what this prints.
 """
 
 from __future__ import annotations
@@ -27,14 +27,17 @@ ROUNDS = 5
 def messages() -> tuple[Any, Any, Any, Any]:
     """The four messages of a step, as the nodes send them."""
     import numpy as np
+    from rclpy.serialization import deserialize_message
     from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Float64MultiArray
 
     from iolspi_ros import wire
     from iolspi_ros.core.samples import Observation
 
     observation = Observation(0, 1, np.array([1.0, 2.0]), -3.0, 1, stamp=5_000_000)
-    state = wire.state_message(("shaft",), observation.state, 5_000_000)
-    reward = wire.RewardRows().of(observation)
+    states = wire.JointStates(("shaft",))
+    state = deserialize_message(states.of(observation), states.type)
+    reward = deserialize_message(wire.RewardRows().of(observation), Float64MultiArray)
     action = wire.Rows("action", wire.ACTION).message(0, 1, 0, 5_000_000, 1, 0)
     return state, reward, Clock(), action
 
@@ -104,12 +107,18 @@ def ping_pong() -> float:
     return float(result.stdout)
 
 
-def ours() -> float:
-    """Steps per second of simulator and learner."""
+def ours(composed: bool) -> float:
+    """Steps per second of simulator and learner, in one process or two."""
+    learner = {"wait_for_demonstrations": False, "vehicle_timeout": 60.0}
+    simulator = {"episodes": STEPS // 300}
     with tempfile.TemporaryDirectory() as folder, graph.Graph(Path(folder)) as nodes:
-        nodes.start("learner", {"informed": False, "delta": 1.0, "simulator_timeout": 60.0})
-        nodes.start("simulator", {"episodes": STEPS // 300})
-        log = Path(folder) / "simulator.log"
+        if composed:
+            both = {f"learner:{name}": value for name, value in learner.items()}
+            nodes.start("graph", both | {f"simulator:{n}": value for n, value in simulator.items()})
+        else:
+            nodes.start("learner", learner)
+            nodes.start("simulator", simulator)
+        log = Path(folder) / ("graph.log" if composed else "simulator.log")
         while not (found := re.search(r"([\d.]+) steps/s", log.read_text())):
             nodes.check()
             time.sleep(0.2)
@@ -122,7 +131,7 @@ def slung_load(episodes: int = 1000) -> str:
     bag = resources.find("demos", "slung_load", "set_5")
     with tempfile.TemporaryDirectory() as folder, graph.Graph(Path(folder)) as nodes:
         nodes.start("simulator", {"episodes": episodes}, config)
-        nodes.start("learner", {"simulator_timeout": 60.0}, config)
+        nodes.start("learner", {"vehicle_timeout": 60.0}, config)
         nodes.start("demonstrator", {"bags": [str(bag)]}, config)
         log = Path(folder) / "simulator.log"
         while not (found := re.search(r"done: (.*)", log.read_text())):
@@ -134,12 +143,13 @@ def slung_load(episodes: int = 1000) -> str:
 def main() -> None:
     """Measure in turns, and print medians and their ratio; then the slung load."""
     print(f"domain {graph.isolate()}, {os.cpu_count()} cores, {STEPS} steps a run")
-    rounds = [(ping_pong(), ours()) for _ in range(ROUNDS)]
-    for bare, full in rounds:
-        print(f"bare {bare:7.0f} steps/s   ours {full:7.0f} steps/s   ratio {full / bare:.2f}")
-    bare, full = (statistics.median(column) for column in zip(*rounds, strict=True))
-    ratio = statistics.median(full / bare for bare, full in rounds)
-    print(f"median: bare {bare:.0f}, ours {full:.0f} steps/s; ratio {ratio:.2f} (goal 0.6)")
+    rounds = [(ping_pong(), ours(composed=False), ours(composed=True)) for _ in range(ROUNDS)]
+    for bare, two, one in rounds:
+        print(f"bare {bare:.0f}, two processes {two:.0f}, composed {one:.0f} steps/s")
+    for name, column in (("two processes", 1), ("composed", 2)):
+        ratios = sorted(row[column] / row[0] for row in rounds)
+        middle, low, high = statistics.median(ratios), ratios[0], ratios[-1]
+        print(f"{name}: {middle:.2f} of bare ({low:.2f} to {high:.2f}; goal of two: 0.6)")
     print(f"slung load: {slung_load()} (goal: 1000 episodes in 60 s)")
 
 
