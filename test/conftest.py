@@ -75,7 +75,7 @@ class Nodes:
     def log(self, name):
         return (self.folder / f"{name}.log").read_text()
 
-    def wait_for(self, name, text, deadline=30.0):
+    def wait_for(self, name, text, deadline=60.0):
         """Until a node has said `text`."""
         end = time.monotonic() + deadline
         while text not in self.log(name):
@@ -95,7 +95,7 @@ class Nodes:
                 process.kill()
                 process.wait()
 
-    def finish(self, node, *arguments, deadline=30.0):
+    def finish(self, node, *arguments, deadline=60.0):
         """Run a node to its own end; exit status and what it said."""
         process = self.start(node, *arguments)
         status = process.wait(deadline)
@@ -140,7 +140,7 @@ def ros(domain):
         rclpy.try_shutdown()
 
 
-def spin_until(executor, ready, deadline=20.0):
+def spin_until(executor, ready, deadline=60.0):
     end = time.monotonic() + deadline
     while not ready():
         assert time.monotonic() < end, "deadline"

@@ -13,26 +13,47 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from iolspi_ros import cli
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.cli import progress
 from iolspi_ros.graph import free_domain
 from iolspi_ros.resources import find
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
 
 COMMANDS = ("bench", "demo", "fly", "learn", "record", "run")
 
 
-def iolspi(*arguments, cwd=None, deadline=120.0):
+def iolspi(*arguments, cwd=None, deadline=170.0):
     command = [sys.executable, "-P", "-m", "iolspi_ros", *map(str, arguments)]
     return subprocess.run(
         command, cwd=cwd, capture_output=True, text=True, timeout=deadline, check=False
     )
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_teaches_by_example(command):
-    result = iolspi(command, "--help")
-    assert result.returncode == 0
-    assert f"Example: iolspi {command}" in " ".join(result.stdout.split())
+@pytest.fixture
+def command(tmp_path, monkeypatch, capfd):
+    """The command in this process: its exit status, and all that it said."""
+
+    def run(*arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["iolspi", *map(str, arguments)])
+        capfd.readouterr()
+        try:
+            status = cli.main()
+        except SystemExit as end:
+            status = end.code
+        said = capfd.readouterr()
+        return status, said.out + said.err
+
+    return run
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_teaches_by_example(command, name):
+    status, said = command(name, "--help")
+    assert status == 0
+    assert f"Example: iolspi {name}" in " ".join(said.split())
 
 
 def test_help_and_version():
@@ -69,11 +90,16 @@ def test_help_and_version():
         (("run", "pilot"), "node is 'pilot'; allowed: simulator, demonstrator, learner"),
     ],
 )
-def test_bad_input_is_one_line_with_status_2(tmp_path, arguments, words):
-    result = iolspi(*arguments, cwd=tmp_path)
-    said = result.stderr + result.stdout
+def test_bad_input_is_one_line_with_status_2(command, arguments, words):
+    status, said = command(*arguments)
     assert words in said
-    assert (result.returncode, "Traceback" in said) == (2, False), said
+    assert (status, "Traceback" in said) == (2, False), said
+
+
+def test_bad_input_ends_the_process_as_it_ends_main(tmp_path):
+    result = iolspi("demo", "--set", "6", cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stderr == "iolspi: --set is 6; allowed: 1 to 5\n"
 
 
 def test_learn_leaves_a_policy_and_a_report(tmp_path):
@@ -148,7 +174,7 @@ def test_the_demo_leaves_everything_and_no_graph(tmp_path):
     page = (out / "report.html").read_text()
     assert page.count("<img") >= 6
     assert "<canvas" in page
-    recorded = read_demonstration(out / "bag", "pendulum", ("shaft",))
+    recorded = read_demonstration(out / "bag", Pendulum.description)
     assert len(recorded.samples) == 6300
     assert not [line for line in graph_processes() if str(out) in line]
 
@@ -174,7 +200,7 @@ def test_the_demo_of_the_slung_load_counts_what_breaks(tmp_path):
     words = page.lower()
     assert "end with a dunk" in words
     assert "upright" not in words
-    recorded = read_demonstration(out / "bag", "slung_load", ("quadrotor", "load"))
+    recorded = read_demonstration(out / "bag", SlungLoad.description)
     assert len(recorded.samples) == summary["demonstrated_samples"]
 
 
@@ -224,7 +250,7 @@ def test_a_recorded_set_can_be_learned_from(tmp_path):
     bag = tmp_path / "mine"
     result = iolspi("record", "--mode", "explore", "--corruption", 0.2, "--out", bag)
     assert result.returncode == 0, result.stderr
-    found = read_demonstration(bag, "pendulum", ("shaft",))
+    found = read_demonstration(bag, Pendulum.description)
     assert len(found.samples) == 6300
     assert found.notes == []
     assert [p.name for p in tmp_path.iterdir()] == ["mine"]

@@ -53,7 +53,7 @@ class Peer:
         publisher.publish(wire.task_message(task))
         return publisher
 
-    def until(self, ready, deadline=20.0):
+    def until(self, ready, deadline=60.0):
         spin_until(self.executor, ready, deadline)
 
     def call(self, kind, name, request):

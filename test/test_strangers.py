@@ -1,6 +1,7 @@
 """Nodes written from docs/interfaces.md alone take the place of each of ours."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -13,15 +14,29 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 ROOT = Path(__file__).resolve().parents[1]
 STRANGERS = ROOT / "test" / "strangers"
 LEARNER = "-m", "iolspi_ros.nodes.start", "learner", "--ros-args"
 SIMULATOR = "-m", "iolspi_ros.nodes.start", "simulator", "--ros-args", "-p", "mode:=lockstep"
 DEMONSTRATOR = "-m", "iolspi_ros.nodes.start", "demonstrator", "--ros-args", "-p", "source:=bag"
+
+
+PENDULUM = {
+    "name": "pendulum",
+    "variables": [
+        {"name": "shaft.position", "unit": "rad", "low": -math.pi, "high": math.pi,
+         "periodic": True},
+        {"name": "shaft.velocity", "unit": "rad/s", "low": -47.0, "high": 47.0},
+    ],
+    "actions": [{"name": name} for name in ("left", "none", "right")],
+    "neutral": 1,
+    "sampling_time": 0.005,
+    "episode_steps": 300,
+}  # fmt: skip
 
 
 def read_row(message):
@@ -46,7 +61,7 @@ class Child:
     def __str__(self):
         return f"{self.process.args}\n{self.out.read_text()}\n{self.err.read_text()}"
 
-    def counts(self, seconds=40.0):
+    def counts(self, seconds=90.0):
         """Wait until it ends by itself and return the counts it printed."""
         try:
             code = self.process.wait(seconds)
@@ -103,12 +118,18 @@ class Graph:
     def rows(self, topic):
         return [read_row(message) for message in self.heard[topic]]
 
-    def wait(self, condition, what, seconds=40.0):
+    def wait(self, condition, what, seconds=90.0):
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
                 pytest.fail("\n".join([f"waited in vain for {what}", *map(str, self.children)]))
             self.executor.spin_once(timeout_sec=0.1)
+
+    def say_task(self):
+        """Be a pendulum that stands still: as much of a vehicle as a replay needs."""
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.task = self.node.create_publisher(String, "task", latched)
+        self.task.publish(String(data=json.dumps(PENDULUM)))
 
     def wait_for_publisher(self, topic):
         self.wait(lambda: self.node.count_publishers(topic) > 0, f"a publisher of {topic}")
@@ -135,11 +156,11 @@ def assert_none(counts, *names):
     assert {name: counts[name] for name in names} == dict.fromkeys(names, 0)
 
 
-@pytest.mark.timeout(120)
 def test_learner_with_a_strange_simulator(graph):
     scores, updates = graph.listen("score"), graph.listen("update")
-    learner = graph.start(*LEARNER, "-p", "informed:=false", "-p", "update_interval:=50")
-    graph.wait_for_publisher("score")
+    learner = graph.start(
+        *LEARNER, "-p", "wait_for_demonstrations:=false", "-p", "update_interval:=50"
+    )
     counts = graph.stranger("simulator", "--episodes", "6").counts()
     graph.wait(lambda: len(scores) >= 6, "six scores")
     graph.wait(lambda: updates, "an update")
@@ -157,9 +178,8 @@ def assert_scores(rows, expected):
     assert [row["explored"] for row in rows] == [explored for _, _, explored in expected]
 
 
-@pytest.mark.timeout(120)
 def test_simulator_with_a_strange_learner(graph):
-    simulator = graph.start(*SIMULATOR)
+    simulator = graph.start(*SIMULATOR, "-p", "publish_clock:=always")
     counts = graph.stranger("learner", "--episodes", "2").counts()
     simulator.stop()
     assert counts["transitions"] == 600
@@ -169,8 +189,8 @@ def test_simulator_with_a_strange_learner(graph):
     assert_none(counts, "wrong_stamps", "wrong_begins", "not_applied")
 
 
-@pytest.mark.timeout(120)
 def test_demonstrator_with_a_strange_learner(graph):
+    graph.say_task()
     demonstrator = graph.start(*DEMONSTRATOR, "-p", "bags:=[demos/pendulum/set_5]")
     counts = graph.stranger("learner").counts()
     demonstrator.stop()
@@ -180,7 +200,6 @@ def test_demonstrator_with_a_strange_learner(graph):
     assert_none(counts, "duplicates", "breaks", "sample_stamps", "wrong_actions")
 
 
-@pytest.mark.timeout(120)
 def test_learner_and_simulator_with_a_strange_demonstrator(graph):
     states = graph.listen("state", JointState)
     actions, updates, weights = map(graph.listen, ("action", "update", "weights"))
@@ -191,12 +210,14 @@ def test_learner_and_simulator_with_a_strange_demonstrator(graph):
     assert not actions
     sent = graph.stranger("demonstrator").counts()
     graph.wait(lambda: updates and weights, "the update from the demonstration")
-    graph.wait(lambda: len(actions) >= 50, "fifty answers")
+    graph.wait(lambda: len(keys_of(graph.rows("action"))) >= 50, "fifty answers")
     learner.stop()
     simulator.stop()
     update = graph.rows("update")[0]
     assert (update["number"], update["accepted"], update["samples"]) == (0, 1, sent["samples"])
     assert weights[0].data[0] == 0
     assert len(weights[0].data) == 1 + 3 * 11 * 11
-    keys = {(row["episode"], row["step"]) for row in graph.rows("action")}
-    assert len(keys) >= 50
+
+
+def keys_of(rows):
+    return {(row["episode"], row["step"]) for row in rows}

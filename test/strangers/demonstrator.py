@@ -13,11 +13,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.utilities import remove_ros_args
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
-SAMPLING_TIME = 0.005
-NANOSECONDS = 5_000_000
-VOLTS = (-3.0, 0.0, 3.0)
 STEPS = 100
 HUMAN = 2
 ZEROS = {"episode": 0, "step": 0, "sec": 0, "nanosec": 0}
@@ -34,9 +31,9 @@ def accelerate(state, volts):
     return 118.0 * np.sin(state[0]) - 1.6 * state[1] + 29.5 * volts
 
 
-def move(state, volts):
-    rate = state[1] + SAMPLING_TIME * accelerate(state, volts)
-    angle = (state[0] + SAMPLING_TIME * rate + np.pi) % (2.0 * np.pi) - np.pi
+def move(state, volts, dt):
+    rate = state[1] + dt * accelerate(state, volts)
+    angle = (state[0] + dt * rate + np.pi) % (2.0 * np.pi) - np.pi
     return float(angle), float(rate)
 
 
@@ -48,28 +45,30 @@ def choose(state):
     return 2 if state[1] >= 0.0 else 0
 
 
-def head(episode, step):
+def head(episode, step, dt):
     tick = episode * (STEPS + 1) + step
-    sec, nanosec = divmod(tick * NANOSECONDS, 1_000_000_000)
+    sec, nanosec = divmod(tick * round(dt * 1e9), 1_000_000_000)
     return {"episode": episode, "step": step, "sec": sec, "nanosec": nanosec}
 
 
-def sample(episode, step, state, action):
-    after = move(state, VOLTS[action])
-    reward = -5.0 * after[0] ** 2 - 0.1 * after[1] ** 2 - VOLTS[action] ** 2
-    entries = head(episode, step)
-    entries |= {"shaft.position": state[0], "shaft.velocity": state[1]}
+def sample(task, episode, step, state, action):
+    dt, names = task["sampling_time"], [variable["name"] for variable in task["variables"]]
+    (volts,) = task["actions"][action]["value"]
+    after = move(state, volts, dt)
+    reward = -5.0 * after[0] ** 2 - 0.1 * after[1] ** 2 - volts**2
+    entries = head(episode, step, dt)
+    entries |= dict(zip(names, state, strict=True))
     entries |= {"action": action, "reward": reward}
-    entries |= {"next.shaft.position": after[0], "next.shaft.velocity": after[1]}
+    entries |= {f"next.{name}": value for name, value in zip(names, after, strict=True)}
     truncated = step == STEPS - 1
     return entries | {"terminated": 0, "truncated": truncated, "source": HUMAN}, after
 
 
-def flights(episodes):
+def flights(task, episodes):
     for episode, angle in enumerate(np.linspace(-3.0, 3.0, episodes)):
         state = float(angle), 0.0
         for step in range(STEPS):
-            row, state = sample(episode, step, state, choose(state))
+            row, state = sample(task, episode, step, state, choose(state))
             yield row
 
 
@@ -82,15 +81,22 @@ class Demonstrator(Node):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.samples = self.create_publisher(Float64MultiArray, "sample", every)
         self.signs = self.create_publisher(Float64MultiArray, "demonstration", latched)
+        self.task = None
+        self.create_subscription(String, "task", self.on_task, latched)
+
+    def on_task(self, message):
+        self.task = json.loads(message.data)
 
     @property
     def awaited(self):
-        return all(topic.get_subscription_count() for topic in (self.samples, self.signs))
+        return self.task is not None and all(
+            topic.get_subscription_count() for topic in (self.samples, self.signs)
+        )
 
     def demonstrate(self, episodes):
         last, sent = ZEROS, 0
         self.signs.publish(write_row({**last, "active": 1, "samples": 0}))
-        for row in flights(episodes):
+        for row in flights(self.task, episodes):
             self.samples.publish(write_row(row))
             last, sent = {name: row[name] for name in ZEROS}, sent + 1
         self.signs.publish(write_row({**last, "active": 0, "samples": sent}))

@@ -15,10 +15,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
-N_ACTIONS = 3
-SAMPLING_TIME = 5_000_000
 EXPLORE, HOLD = 1, 5
 PATIENCE = 2.0
 
@@ -42,20 +40,35 @@ def nanoseconds(row):
     return int(row["sec"]) * 1_000_000_000 + int(row["nanosec"])
 
 
+class Task:
+    """What the vehicle says of itself; a state's variables are a joint's position and velocity."""
+
+    def __init__(self, text):
+        said = json.loads(text)
+        self.variables = [variable["name"] for variable in said["variables"]]
+        self.joint = self.variables[0].removesuffix(".position")
+        assert self.variables == [f"{self.joint}.position", f"{self.joint}.velocity"]
+        self.low, self.high = said["variables"][0]["low"], said["variables"][0]["high"]
+        self.n_actions = len(said["actions"])
+        self.neutral = said.get("neutral", 0)
+        self.sampling_time = round(said["sampling_time"] * 1e9)
+
+
 class Flight:
     """Pairs states with rewards, answers each key once and forms the transitions."""
 
-    def __init__(self):
+    def __init__(self, task):
+        self.task = task
         self.counts = Counter()
         self.states, self.rewards = {}, {}
         self.observations, self.answers = {}, {}
         self.random = np.random.default_rng(0)
-        self.last_action = 1
+        self.last_action = task.neutral
         self.last_stamp = None
 
     def on_state(self, message):
         stamp = message.header.stamp
-        shaft = message.name.index("shaft")
+        shaft = message.name.index(self.task.joint)
         state = message.position[shaft], message.velocity[shaft]
         return self.pair(self.states, state, (stamp.sec, stamp.nanosec))
 
@@ -83,10 +96,10 @@ class Flight:
 
     def note(self, key, state, row):
         self.counts["observations"] += 1
-        self.counts["outside"] += not -np.pi <= state[0] < np.pi
+        self.counts["outside"] += not self.task.low <= state[0] < self.task.high
         stamp = nanoseconds(row)
         if self.last_stamp is not None:
-            self.counts["wrong_stamps"] += stamp - self.last_stamp != SAMPLING_TIME
+            self.counts["wrong_stamps"] += stamp - self.last_stamp != self.task.sampling_time
         self.last_stamp = stamp
         if key[1] == 0:
             self.counts["begun"] += 1
@@ -107,7 +120,7 @@ class Flight:
             source = HOLD
         else:
             source = EXPLORE
-            self.last_action = int(self.random.integers(N_ACTIONS))
+            self.last_action = int(self.random.integers(self.task.n_actions))
         self.counts["terminated"] += int(row["terminated"])
         self.counts["truncated"] += int(row["truncated"])
         head = {name: row[name] for name in ("episode", "step", "sec", "nanosec")}
@@ -117,7 +130,8 @@ class Flight:
 class Demonstration:
     """Keeps each sample once and knows when no more of them are to come."""
 
-    def __init__(self):
+    def __init__(self, task):
+        self.task = task
         self.counts = Counter()
         self.samples = {}
         self.promised = None
@@ -140,7 +154,7 @@ class Demonstration:
         self.counts["samples"] += 1
         self.counts["finite"] += bool(np.isfinite(list(row.values())).all())
         self.counts["sample_ends"] += bool(row["terminated"] or row["truncated"])
-        self.counts["wrong_actions"] += row["action"] not in range(N_ACTIONS)
+        self.counts["wrong_actions"] += row["action"] not in range(self.task.n_actions)
         self.check((key[0], key[1] - 1), row)
 
     def check(self, before, row):
@@ -148,9 +162,10 @@ class Demonstration:
             self.counts["runs"] += 1
             return
         last = self.samples[before]
-        names = "shaft.position", "shaft.velocity"
+        names = self.task.variables
         self.counts["breaks"] += any(last[f"next.{name}"] != row[name] for name in names)
-        self.counts["sample_stamps"] += nanoseconds(row) - nanoseconds(last) != SAMPLING_TIME
+        since = nanoseconds(row) - nanoseconds(last)
+        self.counts["sample_stamps"] += since != self.task.sampling_time
 
     @property
     def over(self):
@@ -166,8 +181,17 @@ class Learner(Node):
     def __init__(self, episodes):
         super().__init__("stranger_learner")
         self.episodes = episodes
-        self.flight, self.demonstration = Flight(), Demonstration()
+        self.flight = self.demonstration = None
         self.clocks = set()
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(String, "task", self.on_task, latched)
+
+    def on_task(self, message):
+        """Begin: there is a vehicle."""
+        if self.flight is not None:
+            return
+        task = Task(message.data)
+        self.flight, self.demonstration = Flight(task), Demonstration(task)
         every = QoSProfile(history=HistoryPolicy.KEEP_ALL)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.actions = self.create_publisher(Float64MultiArray, "action", 10)
@@ -194,6 +218,8 @@ class Learner(Node):
     @property
     def done(self):
         """After the episodes, once the next one shows that the last end was acknowledged."""
+        if self.flight is None:
+            return False
         flown = self.episodes and self.flight.counts["begun"] > self.episodes
         return bool(flown) or self.demonstration.over
 

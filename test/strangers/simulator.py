@@ -11,10 +11,11 @@ import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
 SAMPLING_TIME = 0.005
 NANOSECONDS = 5_000_000
@@ -22,6 +23,19 @@ TORQUE = (-20.0, 0.0, 20.0)
 STEPS = 50
 FIRST_EPISODE, EPISODE_STRIDE = 7, 3
 EXPLORE, HOLD = 1, 5
+TASK = {
+    "name": "wheel",
+    "variables": [
+        {"name": "shaft.position", "unit": "rad", "low": -np.pi, "high": np.pi, "periodic": True},
+        {"name": "shaft.velocity", "unit": "rad/s", "low": -20.0, "high": 20.0},
+    ],
+    "actions": [{"name": f"{torque} Nm", "value": [torque]} for torque in TORQUE],
+    "neutral": 1,
+    "sampling_time": SAMPLING_TIME,
+    "episode_steps": STEPS,
+    "gamma": 0.95,
+    "endings": [{"name": "time-out"}, {"name": "upright", "success": True}],
+}
 
 
 def write_row(entries):
@@ -92,6 +106,9 @@ class Simulator(Node):
         self.scores = []
         self.score = 0.0
         self.explored = 0
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.task = self.create_publisher(String, "task", latched)
+        self.task.publish(String(data=json.dumps(TASK)))
         self.states = self.create_publisher(JointState, "state", 10)
         self.rewards = self.create_publisher(Float64MultiArray, "reward", 10)
         self.clock_publisher = self.create_publisher(Clock, "/clock", 10)
