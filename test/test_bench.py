@@ -6,7 +6,7 @@ import pytest
 from iolspi_ros.bench import latency, learner, safety, scale, speed
 from iolspi_ros.bench.rows import at_least, at_most
 from iolspi_ros.cli import bench
-from iolspi_ros.experiments.dropping import INFORMED, Dropping, drop
+from iolspi_ros.experiments.slung_load import INFORMED, SlungLoadRun, drop
 from iolspi_ros.experiments.thesis import slung_load_claims as c
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
 from sim_nodes.tasks.slung_load import Outcome
@@ -64,8 +64,8 @@ def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
 
 
 def test_a_realisation_says_how_every_episode_ended():
-    found = drop(Dropping(INFORMED, samples="set 5", episodes=40, looks=2), 0)
-    again = drop(Dropping(INFORMED, samples="set 5", episodes=40, looks=4), 0)
+    found = drop(SlungLoadRun(INFORMED, samples="set 5", episodes=40, looks=2), 0)
+    again = drop(SlungLoadRun(INFORMED, samples="set 5", episodes=40, looks=4), 0)
     np.testing.assert_array_equal(found["ending"], again["ending"])  # looking changes nothing
     assert (found["judged"].sum(axis=1) == 143).all()
     assert not found["vetoes"].any()

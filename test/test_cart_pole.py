@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from iolspi_ros import resources
-from iolspi_ros.experiments import balance
+from iolspi_ros.experiments import cart_pole
 from iolspi_ros.experiments.evaluate import evaluate
 from sim_nodes.tasks import make_task
 from sim_nodes.tasks.cart_pole import CartPole
@@ -54,12 +54,12 @@ def test_the_functions_are_those_of_eq_8_2():
     for alpha in (-np.pi / 4, 0.0, np.pi / 4):
         for rate in (-1.0, 0.0, 1.0):
             expected += [np.exp(-((0.3 - alpha) ** 2 + (-1.4 - rate) ** 2) / 2)]
-    np.testing.assert_allclose(balance.basis()(state), expected, rtol=1e-14)
+    np.testing.assert_allclose(cart_pole.basis()(state), expected, rtol=1e-14)
 
 
 def test_random_episodes_are_whole_and_seeded():
     rng = np.random.default_rng(3)
-    found, lengths = balance.random_episodes(TASK, 200, rng)
+    found, lengths = cart_pole.random_episodes(TASK, 200, rng)
     assert len(found) == lengths.sum()
     last = np.cumsum(lengths) - 1
     np.testing.assert_array_equal(np.flatnonzero(found.terminated), last)
@@ -74,7 +74,7 @@ def test_random_episodes_are_whole_and_seeded():
         share = (found.next_state[k, 1] - pushes[0]) / (pushes[1] - pushes[0])
         force = -60.0 + 120.0 * share
         assert abs(force - TASK.description.actions[found.action[k]].value[0]) < 10.5
-    again, _ = balance.random_episodes(TASK, 200, np.random.default_rng(3))
+    again, _ = cart_pole.random_episodes(TASK, 200, np.random.default_rng(3))
     np.testing.assert_array_equal(again.next_state, found.next_state)
 
 
@@ -94,7 +94,7 @@ def test_a_random_episode_balances_for_about_6_steps():
     """T 8-1, quoting L. From closer to the equilibrium, as both say, Eq. 8-1 takes longer."""
     rng = np.random.default_rng(0)
     wide, near = (
-        balance.random_episodes(CartPole(deviation=d), 20_000, rng)[1].mean() - 1.0
+        cart_pole.random_episodes(CartPole(deviation=d), 20_000, rng)[1].mean() - 1.0
         for d in (LAGOUDAKIS_AND_PARR, 0.01)  # the last step falls
     )
     assert wide == pytest.approx(6.0, abs=0.5)
@@ -105,13 +105,13 @@ def test_a_random_episode_balances_for_about_6_steps():
 
 def test_lagoudakis_and_parr_balance_about_2850_steps_after_1000_episodes():
     """Their 100 repetitions, with 10 of their 1,000 evaluations each."""
-    features, judged = balance.basis(), []
+    features, judged = cart_pole.basis(), []
     task = CartPole(deviation=LAGOUDAKIS_AND_PARR)
     for seed in range(100):
         rng = np.random.default_rng(seed)
-        samples, _ = balance.random_episodes(task, 1000, rng)
-        found = balance.learn(samples, features, np.zeros((3, 10)))
-        steps = balance.balancing_steps(TASK, features, found.solve.weights, 10, rng)
+        samples, _ = cart_pole.random_episodes(task, 1000, rng)
+        found = cart_pole.learn(samples, features, np.zeros((3, 10)))
+        steps = cart_pole.balancing_steps(TASK, features, found.solve.weights, 10, rng)
         judged.append(steps.mean())
     mean, half = np.mean(judged), 1.96 * np.std(judged, ddof=1) / 10.0
     print(f"{mean:.0f} ± {half:.0f} balancing steps (95 %) of 3,000")
@@ -120,8 +120,8 @@ def test_lagoudakis_and_parr_balance_about_2850_steps_after_1000_episodes():
 
 
 def test_a_policy_that_is_bad_falls_soon():
-    steps = balance.balancing_steps(
-        TASK, balance.basis(), np.zeros((3, 10)), 50, np.random.default_rng(0)
+    steps = cart_pole.balancing_steps(
+        TASK, cart_pole.basis(), np.zeros((3, 10)), 50, np.random.default_rng(0)
     )
     assert steps.max() < 10  # always pushes to the left
 
@@ -152,12 +152,12 @@ def test_the_wide_functions_are_those_of_the_parameter_file():
     for name in names:
         value = learner[name]
         given = tuple(value) if isinstance(value, list) else value
-        assert getattr(balance.WIDE, name) == given, name
+        assert getattr(cart_pole.WIDE, name) == given, name
 
 
 def test_the_refreshed_learner_balances_from_a_hundred_random_episodes():
-    setting = balance.Balancing(episodes=100, wide=True, refreshed=True)
-    steps = [balance.balancing(setting, seed)["steps"] for seed in range(6)]
-    theirs = [balance.balancing(replace(setting, wide=False, refreshed=False), seed)["steps"]
+    setting = cart_pole.Balancing(episodes=100, wide=True, refreshed=True)
+    steps = [cart_pole.balancing(setting, seed)["steps"] for seed in range(6)]
+    theirs = [cart_pole.balancing(replace(setting, wide=False, refreshed=False), seed)["steps"]
               for seed in range(6)]  # fmt: skip
     assert np.mean(steps) > np.mean(theirs)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from iolspi_ros.core.qlearning import fly, greedy, initial, learn, optimal_values
-from iolspi_ros.experiments import gridsets
+from iolspi_ros.experiments import slung_grid_demonstrations
 from sim_nodes.tasks.slung_grid import SlungGrid
 
 GRID = SlungGrid()
@@ -95,11 +95,11 @@ def test_q_learning_from_zeros_finds_it_too():
     assert greedy(GRID.task, found.q, GRID.start).score == pytest.approx(-1.96)
 
 
-@pytest.mark.parametrize("number", gridsets.KINDS)
+@pytest.mark.parametrize("number", slung_grid_demonstrations.KINDS)
 def test_demonstrations_are_of_their_kind(number):
-    flights = gridsets.demonstrate(GRID, number, 3)
+    flights = slung_grid_demonstrations.demonstrate(GRID, number, 3)
     assert len(flights) == 5
-    again = gridsets.demonstrate(GRID, number, 3)
+    again = slung_grid_demonstrations.demonstrate(GRID, number, 3)
     assert [f.score for f in flights] == [f.score for f in again]
     for flight in flights:
         if number == 4:

@@ -14,10 +14,11 @@ from iolspi_ros.bags import read_demonstration
 from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.errors import InputError
-from iolspi_ros.experiments.episodes import Episodes, record
 from iolspi_ros.experiments.evaluate import evaluate, evaluate_weights, policy_of
 from iolspi_ros.experiments.headless import Listener, train
-from iolspi_ros.experiments.learning import HANGING, LITERAL, Learning, best, learn
+from iolspi_ros.experiments.pendulum import HANGING, LITERAL, PendulumRun, best, learn
+from iolspi_ros.experiments.pendulum_episodes import Episodes, record
+from iolspi_ros.experiments.pendulum_samples import Spread, spread
 from iolspi_ros.experiments.samplesets import (
     INDEPENDENT,
     MODES,
@@ -26,7 +27,6 @@ from iolspi_ros.experiments.samplesets import (
     demonstrate,
     samples,
 )  # fmt: skip
-from iolspi_ros.experiments.spread import Spread, spread
 from iolspi_ros.experiments.statistics import Interval
 from iolspi_ros.experiments.thesis import (
     catalogue,
@@ -83,7 +83,7 @@ def test_an_unknown_sample_set_names_the_known_ones():
 
 def test_a_policy_is_judged_at_the_time_it_is_in_use():
     """Updates after 5 and 10 s; at 7.5 s the first one's policy flies."""
-    found = learn(Learning(samples="set 5", seconds=12.0, looks=8), 0)
+    found = learn(PendulumRun(samples="set 5", seconds=12.0, looks=8), 0)
     core = OnlineLSPI(LITERAL, np.random.default_rng([0, 1]))
     core.pretrain(samples("set 5", HANGING, 0))
     policies = [core.weights]
@@ -123,12 +123,12 @@ def test_the_compiled_judge_knows_where_an_episode_ends():
 
 def test_the_yardstick_takes_the_g_of_each_time():
     jump = replace(HANGING, g_after=19.81, g_change_start=3.0)
-    found = best(Learning(task=jump, seconds=6.0, looks=2), 0)["discounted"]
+    found = best(PendulumRun(task=jump, seconds=6.0, looks=2), 0)["discounted"]
     assert found[1] == found[2] < found[0] == pytest.approx(-1321, rel=0.002)
 
 
 def test_quick_settings_keep_the_order_of_things():
-    jump = Learning(task=replace(HANGING, g_change_start=300.0, g_change_duration=200.0))
+    jump = PendulumRun(task=replace(HANGING, g_change_start=300.0, g_change_duration=200.0))
     quick = jump.quick()
     task = quick.task
     assert task.g_change_start / quick.seconds == 0.5
@@ -137,7 +137,7 @@ def test_quick_settings_keep_the_order_of_things():
 
 
 def test_recorded_episodes_are_those_of_the_learning_run():
-    setting = Learning(LITERAL, samples="set 5", seconds=15.0, looks=1)
+    setting = PendulumRun(LITERAL, samples="set 5", seconds=15.0, looks=1)
     found = record(Episodes(setting, ((600.0, -2, 2),)), 4)
     assert found["episode"].tolist() == [8, 9]
     assert found["angle"].shape == (2, 301)

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from iolspi_ros.experiments import gridruns
-from iolspi_ros.experiments.balance import Balancing, balancing, demonstration
-from iolspi_ros.experiments.gridruns import Survey, Sweep, Trial, survey, sweep, trial
+from iolspi_ros.experiments import slung_grid
+from iolspi_ros.experiments.cart_pole import Balancing, balancing, demonstration
+from iolspi_ros.experiments.slung_grid import Survey, Sweep, Trial, survey, sweep, trial
 from iolspi_ros.experiments.thesis import chapter5, chapter5_claims, chapter8, chapter8_claims
 from iolspi_ros.experiments.thesis.claims import Verdict
 
@@ -37,15 +37,15 @@ def test_learning_has_converged_when_four_of_five_are_satisfactory():
     scores = np.full(300, -50.0)
     scores[100:] = -4.0
     scores[100:300:6] = -50.0  # one in six
-    assert gridruns._converged(scores) == pytest.approx(100, abs=10)
+    assert slung_grid._converged(scores) == pytest.approx(100, abs=10)
     scores[100:300:4] = -50.0
-    assert gridruns._converged(scores) == 300.0
-    assert gridruns._converged(np.full(60, -2.0)) == 0.0
+    assert slung_grid._converged(scores) == 300.0
+    assert slung_grid._converged(np.full(60, -2.0)) == 0.0
 
 
 def test_a_survey_counts_each_visit_once_in_every_dimension():
     found = survey(Survey(episodes=300), 0)
-    for name in gridruns.DIMENSIONS:
+    for name in slung_grid.DIMENSIONS:
         assert found[f"visits_{name}"].sum() == found["visits"]
         values = found[f"value_{name}"]
         assert np.nanmax(values) <= 0.0

@@ -12,7 +12,7 @@ from iolspi_ros import resources
 from iolspi_ros.bench.rows import Row, at_least, at_most
 from iolspi_ros.experiments import engine
 from iolspi_ros.experiments.cells import Cell
-from iolspi_ros.experiments.learning import HANGING, LITERAL, REFRESHED, Learning, best, learn
+from iolspi_ros.experiments.pendulum import HANGING, LITERAL, REFRESHED, PendulumRun, best, learn
 from iolspi_ros.experiments.results import Store
 from iolspi_ros.experiments.samplesets import NOTHING, SEQUENTIAL
 from iolspi_ros.experiments.statistics import interval
@@ -51,19 +51,21 @@ class Curves:
     whole: Array
 
 
-def settings() -> Mapping[tuple[str, str], Learning]:
+def settings() -> Mapping[tuple[str, str], PendulumRun]:
     """What is learned, by source (or `JUMP`) and algorithm; every policy is looked at."""
     found = {}
     for name, learner in ALGORITHMS.items():
         for source in SOURCES:
-            found[source, name] = _every_update(Learning(learner, samples=source, seconds=600.0))
+            found[source, name] = _every_update(PendulumRun(learner, samples=source, seconds=600.0))
         careful = replace(learner, epsilon=0.05, forget_factor=FORGETTING)
         jump = replace(HANGING, g_after=19.81, g_change_start=300.0)  # T IV-A-4
-        found[JUMP, name] = _every_update(Learning(careful, jump, samples="set 5", seconds=420.0))
+        found[JUMP, name] = _every_update(
+            PendulumRun(careful, jump, samples="set 5", seconds=420.0)
+        )
     return found
 
 
-def _every_update(setting: Learning) -> Learning:
+def _every_update(setting: PendulumRun) -> PendulumRun:
     return replace(setting, looks=round(setting.seconds / _BETWEEN_UPDATES))
 
 
@@ -84,10 +86,12 @@ def measure(seeds: int, show: Callable[[int], None]) -> Mapping[tuple[str, str],
     for key, cell in cells.items():
         curves, setting = data[cell.label], cell.setting
         times, task = curves["time"][0], setting.task
-        ends = {g: best(Learning(task=replace(task, g=g), seconds=0.0, looks=0), 0)["discounted"][0]
-                for g in {task.gravity(time) for time in times}}  # fmt: skip
-        yardstick = np.array([ends[task.gravity(time)] for time in times])
-        ratio = curves["discounted"] / yardstick
+        ends = {
+            g: best(PendulumRun(task=replace(task, g=g), seconds=0.0, looks=0), 0)["discounted"][0]
+            for g in {task.gravity(time) for time in times}
+        }
+        baseline = np.array([ends[task.gravity(time)] for time in times])
+        ratio = curves["discounted"] / baseline
         found[key] = Curves(times, ratio, curves["upright"], curves["whole"])
     return found
 

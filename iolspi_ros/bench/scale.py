@@ -23,7 +23,7 @@ from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.evaluate import evaluate, policy_of
 from iolspi_ros.experiments.headless import Listener, train
-from iolspi_ros.experiments.learning import HANGING, best_flight
+from iolspi_ros.experiments.pendulum import HANGING, best_flight
 from iolspi_ros.experiments.samplesets import samples
 from sim_nodes.tasks import make_task
 from sim_nodes.tasks.base import Task

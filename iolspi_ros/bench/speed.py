@@ -19,7 +19,7 @@ from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.experiments.headless import Listener, train
-from iolspi_ros.experiments.learning import LITERAL
+from iolspi_ros.experiments.pendulum import LITERAL
 from sim_nodes.tasks import make_task
 from sim_nodes.world import World, WorldSettings
 

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Optional
 import typer
 
 from iolspi_ros.cli import app
-from iolspi_ros.cli.progress import bar, baseline as yardstick, console
-from iolspi_ros.cli.following import Follower as Watch, fresh
+from iolspi_ros.cli.following import Follower as Watch
+from iolspi_ros.cli.following import fresh
+from iolspi_ros.cli.progress import bar, console
+from iolspi_ros.cli.progress import baseline as yardstick
 from iolspi_ros.errors import InputError, check_choice, check_range
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The yardstick: the near-optimal return of a task, by dynamic programming on its model."""
+"""The baseline: the near-optimal return of a task, by dynamic programming on its model."""
 
 from __future__ import annotations
 

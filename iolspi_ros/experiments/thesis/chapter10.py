@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from iolspi_ros.experiments.episodes import Episodes
-from iolspi_ros.experiments.learning import HANGING, LITERAL, Learning
+from iolspi_ros.experiments.pendulum import HANGING, LITERAL, PendulumRun
+from iolspi_ros.experiments.pendulum_episodes import Episodes
 from iolspi_ros.experiments.samplesets import MODES, NOTHING
 from iolspi_ros.experiments.thesis import curves
 from iolspi_ros.experiments.thesis.chapter10_claims import CLAIMS
@@ -49,10 +49,12 @@ MILD = 0.99991
 _LAST = ((600.0, -4, 4),)
 
 
-def _rates(task: object, rates: dict[str, float], samples: str, eta: float) -> dict[str, Learning]:
+def _rates(
+    task: object, rates: dict[str, float], samples: str, eta: float
+) -> dict[str, PendulumRun]:
     """Constant exploration rates."""
     return {
-        name: Learning(
+        name: PendulumRun(
             replace(LITERAL, epsilon=e, forget_factor=eta), task, samples=samples
         )
         for name, e in rates.items()
@@ -65,11 +67,14 @@ def studies() -> list[Study]:
 
 
 def _tuning() -> list[Study]:
-    intervals = {n: Learning(replace(LITERAL, update_interval=k)) for n, k in INTERVALS.items()}
-    decays = {
-        name: Learning(replace(LITERAL, epsilon=1.0, epsilon_decay=d)) for name, d in DECAYS.items()
+    intervals = {
+        name: PendulumRun(replace(LITERAL, update_interval=k)) for name, k in INTERVALS.items()
     }
-    discounts = {n: Learning(gamma=g) for n, g in DISCOUNTS.items()}
+    decays = {
+        name: PendulumRun(replace(LITERAL, epsilon=1.0, epsilon_decay=d))
+        for name, d in DECAYS.items()
+    }
+    discounts = {n: PendulumRun(gamma=g) for n, g in DISCOUNTS.items()}
     updates = tuple(
         replace(cell, seeds=_FEWER.get(cell.label, cell.seeds))
         for cell in curves.cells(intervals, ("K = 1000",))
@@ -89,8 +94,8 @@ def _tuning() -> list[Study]:
 
 
 def _noise() -> list[Study]:
-    action = {name: Learning(world=noise) for name, noise in ACTION_NOISE.items()}
-    sensor = {name: Learning(world=noise) for name, noise in SENSOR_NOISE.items()}
+    action = {name: PendulumRun(world=noise) for name, noise in ACTION_NOISE.items()}
+    sensor = {name: PendulumRun(world=noise) for name, noise in SENSOR_NOISE.items()}
     strongest = "σ_a = 10 V"
     return [
         *pair(("fig10-9", "fig10-10"), "Online LSPI, noise on the action",
@@ -104,15 +109,15 @@ def _noise() -> list[Study]:
 
 
 def _gravity() -> list[Study]:
-    constant = {name: Learning(task=replace(HANGING, g=g)) for name, g in GRAVITIES.items()}
+    constant = {name: PendulumRun(task=replace(HANGING, g=g)) for name, g in GRAVITIES.items()}
     sudden = {
-        f"to {g:g}": Learning(task=replace(HANGING, g_after=g, g_change_start=300.0))
+        f"to {g:g}": PendulumRun(task=replace(HANGING, g_after=g, g_change_start=300.0))
         for g in GRAVITIES.values()
         if g != 9.81
     }
     jump = _rates(JUMP, RATES, NOTHING, 1.0)
     gradual = _rates(GRADUAL, RATES, NOTHING, 1.0)
-    steady = curves.cells(constant, ("g = 19.81",), yardsticks=tuple(constant))
+    steady = curves.cells(constant, ("g = 19.81",), baselines=tuple(constant))
     finals = _beside("sudden, ", jump)
     forgetful = replace(gradual["ε = 0.05"], learner=replace(CAREFUL, forget_factor=MILD))
     return [
@@ -120,7 +125,7 @@ def _gravity() -> list[Study]:
               "10-1-3, Figs. 10-14 and 10-15", steady, CLAIMS, -2500.0),
         *pair(("fig10-16", "fig10-17"), "Online LSPI, g jumps from 9.81 m/s² at 300 s",
               "10-1-3, Figs. 10-16 and 10-17",
-              curves.cells(sudden | constant, ("to 19.81",), yardsticks=tuple(sudden)), CLAIMS,
+              curves.cells(sudden | constant, ("to 19.81",), baselines=tuple(sudden)), CLAIMS,
               -2500.0, tuple(constant)),
         *(histories(f"fig10-{number}", f"Online LSPI, g jumps {label} m/s²",
                     f"10-1-3, Fig. 10-{number}", runs, CLAIMS)
@@ -141,7 +146,7 @@ def _gravity() -> list[Study]:
 
 def _forgetting() -> list[Study]:
     jump = {
-        name: Learning(replace(CAREFUL, forget_factor=eta), JUMP)
+        name: PendulumRun(replace(CAREFUL, forget_factor=eta), JUMP)
         for name, eta in MORE_FORGETTING.items()
     }
     still = {name: replace(setting, task=HANGING) for name, setting in forgetting(NOTHING).items()}
@@ -158,10 +163,11 @@ def _forgetting() -> list[Study]:
 
 def _distributed() -> list[Study]:
     rates = {
-        name: Learning(replace(LITERAL, epsilon=e), SPREAD_STARTS) for name, e in EPSILONS.items()
+        name: PendulumRun(replace(LITERAL, epsilon=e), SPREAD_STARTS)
+        for name, e in EPSILONS.items()
     }
     decays = {
-        name: Learning(replace(LITERAL, epsilon=1.0, epsilon_decay=d), SPREAD_STARTS)
+        name: PendulumRun(replace(LITERAL, epsilon=1.0, epsilon_decay=d), SPREAD_STARTS)
         for name, d in DECAYS.items()
     }
     hanging = {f"hanging, {name}": replace(decays[name], task=HANGING) for name in list(DECAYS)[:4]}
@@ -175,7 +181,7 @@ def _distributed() -> list[Study]:
 
 
 def _informed() -> list[Study]:
-    repeats = {f"set {n}{a}": Learning(samples=f"set {n}{a}") for n in MODES for a in ("", "a")}
+    repeats = {f"set {n}{a}": PendulumRun(samples=f"set {n}{a}") for n in MODES for a in ("", "a")}
     best = SETS["set 5"]
     action = {name: replace(best, world=noise) for name, noise in ACTION_NOISE.items()}
     sensor = {name: replace(best, world=noise) for name, noise in SENSOR_NOISE.items()}
@@ -199,5 +205,5 @@ def _informed() -> list[Study]:
     ]  # fmt: skip
 
 
-def _beside(prefix: str, settings: dict[str, Learning]) -> dict[str, Learning]:
+def _beside(prefix: str, settings: dict[str, PendulumRun]) -> dict[str, PendulumRun]:
     return {prefix + name: setting for name, setting in settings.items()}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.qlearning import optimal
 from iolspi_ros.experiments.cells import Cell, Data
-from iolspi_ros.experiments.gridruns import (
+from iolspi_ros.experiments.slung_grid import (
     CUTOFFS,
     DIMENSIONS,
     Survey,
@@ -21,7 +21,7 @@ from iolspi_ros.experiments.gridruns import (
     sweep,
     trial,
 )
-from iolspi_ros.experiments.gridsets import demonstrate
+from iolspi_ros.experiments.slung_grid_demonstrations import demonstrate
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.chapter5_claims import CLAIMS

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.experiments.cells import Data
-from iolspi_ros.experiments.gridruns import CUTOFFS
+from iolspi_ros.experiments.slung_grid import CUTOFFS
 from iolspi_ros.experiments.statistics import Interval, difference, exactly, interval
 from iolspi_ros.experiments.thesis import claims
 from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from iolspi_ros.experiments.balance import Balancing, balancing, gathered
+from iolspi_ros.experiments.cart_pole import Balancing, balancing, gathered
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import drawing

@@ -8,7 +8,7 @@ import numpy as np
 
 from iolspi_ros.core.moments import forget_factor_for
 from iolspi_ros.experiments.cells import Cell, Data
-from iolspi_ros.experiments.learning import LITERAL, Learning, learn
+from iolspi_ros.experiments.pendulum import LITERAL, PendulumRun, learn
 from iolspi_ros.experiments.samplesets import NOTHING
 from iolspi_ros.experiments.statistics import Interval, exactly, interval, intervals
 from iolspi_ros.experiments.thesis import claims, curves, drawing, part1
@@ -23,7 +23,7 @@ TABLE = {
 """T Table 9-1 as printed: forget factor by number of samples; "All" is 1."""
 LEFT = 0.1
 """Share of its weight that T's numbers leave a sample; T Eq. 9-13 says 0.01."""
-MANY = Learning(replace(LITERAL, update_interval=100, epsilon=0.6))
+MANY = PendulumRun(replace(LITERAL, update_interval=100, epsilon=0.6))
 COUNTS = {"fig9-5": 10, "fig9-6": 30, "fig9-7": 50, "fig9-8": 100}
 
 

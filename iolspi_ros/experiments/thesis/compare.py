@@ -2,7 +2,7 @@
 
 Each function returns a claim's `decide`. Times are those of a 600 s run. What is measured is a
 difference of two means over a stretch of time, realisation by realisation, unless it says
-otherwise; `what` is "discounted", "score", "upright" or "whole" (see `learning.learn`).
+otherwise; `what` is "discounted", "score", "upright" or "whole" (see `pendulum.learn`).
 """
 
 from __future__ import annotations

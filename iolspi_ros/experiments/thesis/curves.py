@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.experiments.cells import Cell, Data
-from iolspi_ros.experiments.learning import Learning, best, learn
+from iolspi_ros.experiments.pendulum import PendulumRun, best, learn
 from iolspi_ros.experiments.statistics import intervals
 from iolspi_ros.experiments.thesis.study import Rows
 
@@ -21,7 +21,7 @@ SECONDS = 600.0
 NEAR_OPTIMAL = "near-optimal"
 REFRESHED_SEEDS = 3
 _EPISODES_AVERAGED = 4
-_LITERAL_COST, _REFRESHED_COST, _YARDSTICK_COST = 0.45, 22.0, 3.0  # s
+_LITERAL_COST, _REFRESHED_COST, _BASELINE_COST = 0.45, 22.0, 3.0  # s
 
 
 def refreshed(label: str) -> str:
@@ -30,9 +30,9 @@ def refreshed(label: str) -> str:
 
 
 def cells(
-    settings: Mapping[str, Learning],
+    settings: Mapping[str, PendulumRun],
     also_refreshed: Iterable[str] = (),
-    yardsticks: tuple[str, ...] = (),
+    baselines: tuple[str, ...] = (),
 ) -> tuple[Cell, ...]:
     """Cells of one figure.
 
@@ -42,7 +42,7 @@ def cells(
         Literal IOLSPI, by label.
     also_refreshed : iterable of str
         Labels that the refreshed learner learns too.
-    yardsticks : tuple of str
+    baselines : tuple of str
         Labels whose tasks' near-optimal policies stand beside; by default the first one's, for
         all.
     """
@@ -54,15 +54,15 @@ def cells(
         found.append(
             Cell(refreshed(label), learn, replace(setting, learner=learner), REFRESHED_SEEDS, cost)
         )
-    for label in yardsticks or (next(iter(settings)),):
+    for label in baselines or (next(iter(settings)),):
         setting = settings[label]
-        same = Learning(task=setting.task, seconds=setting.seconds, looks=setting.looks)
-        name = f"{NEAR_OPTIMAL}, {label}" if yardsticks else NEAR_OPTIMAL
-        found.append(Cell(name, best, same, seeds=1, cost=_YARDSTICK_COST))
+        same = PendulumRun(task=setting.task, seconds=setting.seconds, looks=setting.looks)
+        name = f"{NEAR_OPTIMAL}, {label}" if baselines else NEAR_OPTIMAL
+        found.append(Cell(name, best, same, seeds=1, cost=_BASELINE_COST))
     return tuple(found)
 
 
-def _cost(setting: Learning) -> float:
+def _cost(setting: PendulumRun) -> float:
     solves = setting.seconds / 0.005 / setting.learner.update_interval
     return _LITERAL_COST * setting.seconds / SECONDS + solves * 1.6e-3
 
@@ -85,7 +85,7 @@ def scores(data: Data) -> Rows:
 
 def _binned(cell: Mapping[str, NDArray[Any]]) -> tuple[Array, Array]:
     score, time = cell["score"], cell["time"][0]
-    if score.shape[1] == len(time):  # the yardstick's, one for each time
+    if score.shape[1] == len(time):  # the baseline's, one for each time
         return time, score
     count = score.shape[1] // _EPISODES_AVERAGED
     whole = score[:, : count * _EPISODES_AVERAGED].reshape(len(score), count, -1).mean(axis=2)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from iolspi_ros.experiments.balance import Balancing
-from iolspi_ros.experiments.learning import LITERAL, Learning
+from iolspi_ros.experiments.cart_pole import Balancing
+from iolspi_ros.experiments.pendulum import LITERAL, PendulumRun
 from iolspi_ros.experiments.thesis import chapter8, curves, drawing
 from iolspi_ros.experiments.thesis.chapter8_claims import balanced, more
 from iolspi_ros.experiments.thesis.claims import OURS, Claim
@@ -21,12 +21,12 @@ from iolspi_ros.experiments.thesis.study import Study
 
 DELTAS = (0.01, 0.1, 1.0, 10.0, 100.0)
 SETTINGS = {
-    f"set 1, δ = {delta:g}": Learning(replace(LITERAL, delta=delta), samples="set 1")
+    f"set 1, δ = {delta:g}": PendulumRun(replace(LITERAL, delta=delta), samples="set 1")
     for delta in DELTAS
 } | {
-    "set 1, ε = 0.6": Learning(replace(LITERAL, epsilon=0.6), samples="set 1"),
-    "set 5, δ = 1": Learning(samples="set 5"),
-    "set 5, δ = 10": Learning(replace(LITERAL, delta=10.0), samples="set 5"),
+    "set 1, ε = 0.6": PendulumRun(replace(LITERAL, epsilon=0.6), samples="set 1"),
+    "set 5, δ = 1": PendulumRun(samples="set 5"),
+    "set 5, δ = 10": PendulumRun(replace(LITERAL, delta=10.0), samples="set 5"),
 }
 _PLAIN, _CURED = "set 1, δ = 1", "set 1, δ = 10"
 _EPISODES = (10, 20, 50, 100, 200, 500, 1000)

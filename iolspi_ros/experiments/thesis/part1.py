@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from iolspi_ros.experiments.cells import Cell, Data
-from iolspi_ros.experiments.episodes import Episodes, record
-from iolspi_ros.experiments.learning import HANGING, LITERAL, Learning
+from iolspi_ros.experiments.pendulum import HANGING, LITERAL, PendulumRun
+from iolspi_ros.experiments.pendulum_episodes import Episodes, record
+from iolspi_ros.experiments.pendulum_samples import Spread, spread
 from iolspi_ros.experiments.samplesets import INDEPENDENT, MODES, NOTHING, SEQUENTIAL
-from iolspi_ros.experiments.spread import Spread, spread
 from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import curves, drawing
 from iolspi_ros.experiments.thesis.claims import Claim
@@ -21,24 +21,24 @@ JUMP = replace(HANGING, g_after=19.81, g_change_start=300.0)
 SPREAD_STARTS = replace(HANGING, initial="distributed")
 FORGETTING = {"η = 1": 1.0, "η = 0.99991": 0.99991, "η = 0.9995": 0.9995}
 
-SETS = {f"set {number}": Learning(samples=f"set {number}") for number in MODES}
+SETS = {f"set {number}": PendulumRun(samples=f"set {number}") for number in MODES}
 KINDS = {
-    "nothing": Learning(),
+    "nothing": PendulumRun(),
     "set 5": SETS["set 5"],
-    "sequential": Learning(samples=SEQUENTIAL),
-    "independent": Learning(samples=INDEPENDENT),
+    "sequential": PendulumRun(samples=SEQUENTIAL),
+    "independent": PendulumRun(samples=INDEPENDENT),
 }
 DISTRIBUTED = {name: replace(s, task=SPREAD_STARTS) for name, s in KINDS.items()}
 JUMPING = {
-    "nothing": Learning(CAREFUL, JUMP),
-    "set 5": Learning(CAREFUL, JUMP, samples="set 5"),
+    "nothing": PendulumRun(CAREFUL, JUMP),
+    "set 5": PendulumRun(CAREFUL, JUMP, samples="set 5"),
 }
 
 
-def forgetting(source: str) -> dict[str, Learning]:
+def forgetting(source: str) -> dict[str, PendulumRun]:
     """T Figs. 18 and 19: three forget factors, g that jumps."""
     return {
-        name: Learning(replace(CAREFUL, forget_factor=eta), JUMP, samples=source)
+        name: PendulumRun(replace(CAREFUL, forget_factor=eta), JUMP, samples=source)
         for name, eta in FORGETTING.items()
     }
 
@@ -114,9 +114,9 @@ def histories(
 
 def studies() -> list[Study]:
     """Every study of this part, in T's order."""
-    rates = {name: Learning(replace(LITERAL, epsilon=value)) for name, value in EPSILONS.items()}
+    rates = {name: PendulumRun(replace(LITERAL, epsilon=value)) for name, value in EPSILONS.items()}
     hanging = {f"hanging, {name}": KINDS[name] for name in ("nothing", "set 5")}
-    sets = curves.cells(SETS | {NOTHING: Learning()}, ("set 1", "set 5"))
+    sets = curves.cells(SETS | {NOTHING: PendulumRun()}, ("set 1", "set 5"))
     return [
         *pair(("fig2", "fig3"), "Online LSPI, constant exploration rates",
               "Part I, IV-A-1, Figs. 2 and 3", curves.cells(rates, ("ε = 0.2",)), CLAIMS),

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from iolspi_ros.experiments.cells import Cell, Data
-from iolspi_ros.experiments.dropping import INFORMED, ONLINE, Dropping, best, drop
+from iolspi_ros.experiments.slung_load import INFORMED, ONLINE, SlungLoadRun, best, drop
+from iolspi_ros.experiments.slung_load_timing import timed
 from iolspi_ros.experiments.statistics import interval, intervals
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
@@ -30,7 +31,6 @@ from iolspi_ros.experiments.thesis.slung_load_claims import (
     binned,
 )
 from iolspi_ros.experiments.thesis.study import Rows, Study
-from iolspi_ros.experiments.timing import timed
 
 Array = NDArray[np.float64]
 
@@ -52,33 +52,34 @@ T_TABLE_3 = {36: 10.2, 324: 18.5, 2916: 349.5}
 """Seconds of Matlab R2015a; 26,244 functions did not fit in its memory."""
 
 
-def _cell(label: str, setting: Dropping, cost: float, seeds: int = 20) -> Cell:
+def _cell(label: str, setting: SlungLoadRun, cost: float, seeds: int = 20) -> Cell:
     return Cell(label, drop, setting, seeds, cost)
 
 
 def safety() -> tuple[Cell, ...]:
     """What figures 21 and 22 and `iolspi bench safety` are computed from."""
     return (
-        _cell(ONLINE_T, Dropping(ONLINE), 6.0),
-        _cell(INFORMED_T, Dropping(INFORMED, samples=SET), 8.0),
-        _cell(REFRESHED_T, Dropping(_REFRESHED, samples=SET, episodes=SHORTER, looks=6), 20.0, FEW),
-        _cell(GREEDY, Dropping(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0, FEW),
-        _cell(SHIELDED, Dropping(replace(_LARGER, shield=True), samples=SET, episodes=SHORTER,
+        _cell(ONLINE_T, SlungLoadRun(ONLINE), 6.0),
+        _cell(INFORMED_T, SlungLoadRun(INFORMED, samples=SET), 8.0),
+        _cell(REFRESHED_T, SlungLoadRun(_REFRESHED, samples=SET, episodes=SHORTER, looks=6), 20.0,
+              FEW),
+        _cell(GREEDY, SlungLoadRun(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0, FEW),
+        _cell(SHIELDED, SlungLoadRun(replace(_LARGER, shield=True), samples=SET, episodes=SHORTER,
                                  looks=6), 50.0, FEW),
-        _cell(FINE, Dropping(replace(_LARGER, centers=FINEST), samples=SET, episodes=SHORTER,
+        _cell(FINE, SlungLoadRun(replace(_LARGER, centers=FINEST), samples=SET, episodes=SHORTER,
                              looks=6), 60.0, FEW),
-        Cell(NEAR_OPTIMAL, best, Dropping(), 1, 30.0),
+        Cell(NEAR_OPTIMAL, best, SlungLoadRun(), 1, 30.0),
     )  # fmt: skip
 
 
 def narrow() -> tuple[Cell, ...]:
     """From the narrow initial conditions (T 11-2), and epsilon = 0.01 from nothing (T 11-1)."""
     return (
-        _cell(CONSTANT, Dropping(INFORMED), 3.0),
-        _cell(INFORMED_T, Dropping(INFORMED, samples=SET), 8.0),
-        _cell(NARROW, Dropping(ONLINE, "narrow"), 3.0),
-        _cell(NARROW_INFORMED, Dropping(INFORMED, "narrow", SET), 4.0),
-        _cell(NARROW_LARGE, Dropping(_LARGER, "narrow", SET, SHORTER, 6), 30.0, FEW),
+        _cell(CONSTANT, SlungLoadRun(INFORMED), 3.0),
+        _cell(INFORMED_T, SlungLoadRun(INFORMED, samples=SET), 8.0),
+        _cell(NARROW, SlungLoadRun(ONLINE, "narrow"), 3.0),
+        _cell(NARROW_INFORMED, SlungLoadRun(INFORMED, "narrow", SET), 4.0),
+        _cell(NARROW_LARGE, SlungLoadRun(_LARGER, "narrow", SET, SHORTER, 6), 30.0, FEW),
     )
 
 

@@ -38,7 +38,7 @@ _QUICK_LOOKS = 15
 
 
 @dataclass(frozen=True)
-class Learning:
+class PendulumRun:
     """What is learned, where, from what and for how long.
 
     Attributes
@@ -69,7 +69,7 @@ class Learning:
         path = bag(self.samples)
         return sorted(path.glob("*.mcap")) if path else []
 
-    def quick(self) -> Learning:
+    def quick(self) -> PendulumRun:
         """A tenth of the time, and g changing in a tenth of its time."""
         task = replace(
             self.task,
@@ -85,13 +85,13 @@ class Learning:
         return np.linspace(0.0, self.seconds, self.looks + 1)
 
 
-def make(setting: Learning, seed: int) -> OnlineLSPI:
+def make(setting: PendulumRun, seed: int) -> OnlineLSPI:
     """The learner of a realisation."""
     task = replace(setting.task.description, gamma=setting.gamma)
     return OnlineLSPI(task, setting.learner, np.random.default_rng([seed, 1]))
 
 
-def learn(setting: Learning, seed: int) -> Mapping[str, Any]:
+def learn(setting: PendulumRun, seed: int) -> Mapping[str, Any]:
     """One realisation.
 
     Returns
@@ -128,7 +128,7 @@ def learn(setting: Learning, seed: int) -> Mapping[str, Any]:
 class _Judge:
     """Judges the policy in use at each of some times."""
 
-    def __init__(self, setting: Learning, core: OnlineLSPI) -> None:
+    def __init__(self, setting: PendulumRun, core: OnlineLSPI) -> None:
         self._task, self._core = setting.task, core
         self._waiting = setting.times.tolist()
         self._weights = core.weights
@@ -149,7 +149,7 @@ def grades(task: Task, flown: Evaluation) -> tuple[float, float, float]:
     return flown.discounted_return, float(ends.mean()), flown.success_fraction
 
 
-def best(setting: Learning, seed: int) -> Mapping[str, Any]:
+def best(setting: PendulumRun, seed: int) -> Mapping[str, Any]:
     """What the near-optimal policy reaches on the setting's task; nothing else plays a part.
 
     Returns

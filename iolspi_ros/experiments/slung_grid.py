@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.core.qlearning import Learned, greedy, initial, learn, optimal
-from iolspi_ros.experiments.gridsets import demonstrate
+from iolspi_ros.experiments.slung_grid_demonstrations import demonstrate
 from sim_nodes.tasks.slung_grid import SlungGrid
 
 Array = NDArray[np.float64]

@@ -34,7 +34,7 @@ _QUICK = 10
 
 
 @dataclass(frozen=True)
-class Dropping:
+class SlungLoadRun:
     """What is learned, from where, from what and for how long.
 
     Attributes
@@ -60,7 +60,7 @@ class Dropping:
         path = bag(self.samples, SlungLoad.description.name)
         return sorted(path.glob("*.mcap")) if path else []
 
-    def quick(self) -> Dropping:
+    def quick(self) -> SlungLoadRun:
         """A tenth of the episodes."""
         looks = max(1, self.looks // _QUICK)
         return replace(self, episodes=self.episodes // _QUICK, looks=looks)
@@ -71,7 +71,7 @@ class Dropping:
         return np.linspace(0, self.episodes, self.looks + 1).astype(int).tolist()
 
 
-def drop(setting: Dropping, seed: int) -> Mapping[str, Any]:
+def drop(setting: SlungLoadRun, seed: int) -> Mapping[str, Any]:
     """One realisation.
 
     Returns
@@ -125,7 +125,7 @@ def drop(setting: Dropping, seed: int) -> Mapping[str, Any]:
     }  # fmt: skip
 
 
-def best(setting: Dropping, seed: int) -> Mapping[str, Any]:
+def best(setting: SlungLoadRun, seed: int) -> Mapping[str, Any]:
     """How the near-optimal policy's episodes end; `judged`, `discounted` and `score` of `drop`."""
     task: Any = SlungLoad(initial=setting.initial)
     flown = evaluate(task, near_optimal_policy(task))

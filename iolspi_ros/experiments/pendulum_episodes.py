@@ -12,7 +12,7 @@ import numpy as np
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.experiments.headless import Listener, train
-from iolspi_ros.experiments.learning import HANGING, Learning, make
+from iolspi_ros.experiments.pendulum import HANGING, PendulumRun, make
 from iolspi_ros.experiments.samplesets import samples
 from sim_nodes.tasks.pendulum import UPRIGHT_ANGLE
 from sim_nodes.world import World
@@ -26,12 +26,12 @@ class Episodes:
 
     Attributes
     ----------
-    learning : Learning
+    learning : PendulumRun
     windows : tuple of (float, int, int)
         A time of a 600 s run [s], how many episodes after that to begin, and how many to keep.
     """
 
-    learning: Learning
+    learning: PendulumRun
     windows: tuple[tuple[float, int, int], ...]
 
     def inputs(self) -> list[Path]:
@@ -52,7 +52,7 @@ class Episodes:
 
 
 def record(setting: Episodes, seed: int) -> Mapping[str, Any]:
-    """One run, of the same draws as `learning.learn`.
+    """One run, of the same draws as `pendulum.learn`.
 
     Returns
     -------
