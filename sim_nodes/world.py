@@ -129,7 +129,7 @@ class World:
         """Hold an action for one sampling time."""
         noise = 0.0
         if self.noise.action or self.noise.uniform:
-            noise = action_noise(self.noise, self.rng)
+            noise = action_noise.py_func(self.noise, self.rng)
         self.state, reward, terminated = self.task.step(
             self.state, action, self.vehicle_time, noise
         )
@@ -149,5 +149,5 @@ class World:
         if not self.noise.blurred:
             return self.state
         seen = self.state.copy()
-        blur(self.noise, self.rng, seen)
+        blur.py_func(self.noise, self.rng, seen)
         return seen
