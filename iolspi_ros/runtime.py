@@ -85,12 +85,14 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
         Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
     """
     made: list[Node | Nodes] = []
-    begun = False
+    begun, making = False, True
 
     def interrupt(*_: object) -> None:
         # rclpy's own handler, which calls this one, shuts the context down and so ends the
         # loop; an exception from here would land anywhere, also in the executor's C++.
-        if not made:
+        nonlocal making
+        if making:
+            making = False  # a second signal must not interrupt how the first one is handled
             raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -99,6 +101,7 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
         rclpy.init(args=without_files(sys.argv if args is None else args))
         begun = True
         made.append(make())
+        making = False
         spin(made[0])
     except KeyboardInterrupt:
         return 0
@@ -112,6 +115,7 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
         print(f"{name}: {_first_line(error)}", file=sys.stderr)
         return 2
     finally:
+        making = False
         # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
