@@ -15,10 +15,10 @@ from iolspi_ros import qos, runtime, wire
 from iolspi_ros.bench.flying import FACTOR, parameters
 from iolspi_ros.core.online import Source
 from iolspi_ros.resources import find
-from msg_bridge.mavlink.authority import Commander
+from msg_bridge.mavlink.arbiter import Authority
 from msg_bridge.mavlink.node import AUTHORITY
 from msg_bridge.mavlink.phases import Phase
-from sim_nodes.autopilot.profiles import Mode
+from sim_nodes.autopilot.firmware import Mode
 from sim_nodes.autopilot.server import Sitl
 
 CONFIG = find("config", "slung_load.yaml")
@@ -119,7 +119,7 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
 
 def test_in_flight_a_signal_lands_and_gives_the_parameters_back(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate")
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     status = nodes.end("bridge")
     assert status == 0
     assert sitl.autopilot.commander.mode is Mode.LAND
@@ -129,12 +129,12 @@ def test_in_flight_a_signal_lands_and_gives_the_parameters_back(nodes, sitl, act
 def test_actions_that_are_none_change_nothing(nodes, sitl, actor):
     """They are as good as silence: neutral, then hold, and on again when one comes that is."""
     start(nodes, sitl, "-p", "autostart:=activate")
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     for nonsense in (math.nan, math.inf, 4.0, -1.0, 1.5):
         actor.action = nonsense
-        actor.commands(Commander.HOLD)
+        actor.commands(Authority.HOLD)
         actor.action = 1.0
-        actor.commands(Commander.ACTOR)
+        actor.commands(Authority.ACTOR)
     nodes.wait_for("bridge", "ignored")
 
 
@@ -147,24 +147,24 @@ def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
         return actor.node.create_timer(0.05, lambda: actor.joy.publish(message))
 
     held = hold(0, 1)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     held.cancel()
-    actor.commands(Commander.HOLD)  # the deadman's button
+    actor.commands(Authority.HOLD)  # the deadman's button
     held = hold(1, 1, axis=-1.0)  # to the right
-    actor.commands(Commander.PILOT)
+    actor.commands(Authority.PILOT)
     actor.until(lambda: sitl.autopilot.body.state[4] > 1.0)  # east
     held.cancel()
     held = hold(0, 1)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
 
 
 def test_it_waits_while_paused(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate")
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     assert actor.call(SetBool, "/bridge/pause", SetBool.Request(data=True)).success
-    actor.commands(Commander.HOLD)
+    actor.commands(Authority.HOLD)
     assert actor.call(SetBool, "/bridge/pause", SetBool.Request(data=False)).success
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
 
 
 def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor):
@@ -172,16 +172,16 @@ def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor)
     start(nodes, sitl, "-p", "autostart:=activate")
     learner = ("--params-file", str(CONFIG), "-p", "informed:=false", "-p", "background:=true")
     process = nodes.start("learner", *learner)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     process.send_signal(signal.SIGSTOP)
-    actor.commands(Commander.HOLD)
+    actor.commands(Authority.HOLD)
     process.send_signal(signal.SIGCONT)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     process.kill()
     process.wait()
-    actor.commands(Commander.HOLD)
+    actor.commands(Authority.HOLD)
     nodes.start("learner", *learner)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
 
 
 def test_bad_input_is_said_in_one_line(nodes):

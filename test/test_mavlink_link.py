@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.codec import Codec, read_key
-from msg_bridge.mavlink.link import Link
+from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
 
@@ -67,7 +67,7 @@ def test_listening_nothing_is_sent_until_the_autopilot_was_heard():
     port = free.getsockname()[1]
     free.close()
     transport = open_url(f"udpin:127.0.0.1:{port}")
-    link = Link(transport, Telemetry(1, 2))
+    link = AutopilotLink(transport, Telemetry(1, 2))
     autopilot, stranger, elsewhere = peer(), peer(), peer(host="127.0.0.2")
     link.poll(0.0)
     stranger.sendto(Codec(9, 1).pack(HEARTBEAT), ("127.0.0.1", port))
@@ -197,7 +197,7 @@ def test_all_that_is_said_is_in_the_log(tmp_path):
 
 def test_a_command_that_is_not_finite_is_never_sent():
     end = peer()
-    link = Link(open_url(f"udpout:127.0.0.1:{end.getsockname()[1]}"), Telemetry(1, 2))
+    link = AutopilotLink(open_url(f"udpout:127.0.0.1:{end.getsockname()[1]}"), Telemetry(1, 2))
     with pytest.raises(ValueError, match="finite"):
         link.command(22, float("nan"))
     assert link.sent == 0

@@ -11,10 +11,10 @@ from iolspi_ros.bench.flying import Flying
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.envelope import Motion
-from msg_bridge.mavlink.episode import Episode
-from msg_bridge.mavlink.ferry import Ferry
-from msg_bridge.mavlink.hands import HandSettings, grip
+from msg_bridge.mavlink.episode_clock import EpisodeClock
+from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.load import Fall, LoadObserver, swing
+from msg_bridge.mavlink.transit import Transit
 from sim_nodes.tasks import SlungLoad
 
 TASK = SlungLoad()
@@ -63,7 +63,7 @@ def test_angles_are_positive_to_the_right():
     assert swing(np.array([-1.0, 0.0, 0.0])) == pytest.approx(-math.pi / 2)
 
 
-def test_where_a_falling_load_crosses_the_rim():
+def test_where_a_releasing_load_crosses_the_rim():
     """A parabola seen ten times a second: the chord is near."""
     fall, rim = Fall(4.0), None
     for t in np.arange(0.0, 1.0, 0.1):
@@ -78,7 +78,7 @@ def test_where_a_falling_load_crosses_the_rim():
 
 
 def episode():
-    return Episode(TASK, 4, 10.0, np.zeros(4))
+    return EpisodeClock(TASK, 4, 10.0, np.zeros(4))
 
 
 def test_an_episode_says_which_action_was_in_force_longest():
@@ -137,11 +137,11 @@ def test_judging_what_was_flown_is_what_the_task_says():
 
 
 def test_the_ferry_brings_a_swinging_load_to_rest_elsewhere():
-    ferry = Ferry(1.0, 0.4)
+    transit = Transit(1.0, 0.4)
     x, v, a, angle, rate = 0.0, 0.0, 0.0, 0.8, 0.0
     for _ in range(round(12.0 / 0.02)):
         motion = Motion(x=x, speed=v, swing=angle, swing_rate=rate)
-        a += (ferry.along(-6.0, motion, 0.02) - a) * 0.02 / 0.3
+        a += (transit.along(-6.0, motion, 0.02) - a) * 0.02 / 0.3
         x, v = x + v * 0.02, v + a * 0.02
         rate -= (math.cos(angle) * a + 9.81 * math.sin(angle)) * 0.02
         angle += rate * 0.02
@@ -150,7 +150,7 @@ def test_the_ferry_brings_a_swinging_load_to_rest_elsewhere():
     assert max(abs(v), abs(angle), abs(rate)) < 0.1
 
 
-HANDS = HandSettings(deadman_button=0, takeover_button=1)
+HANDS = SafetyPilotSettings(deadman_button=0, takeover_button=1)
 
 
 @pytest.mark.parametrize(
@@ -169,13 +169,13 @@ HANDS = HandSettings(deadman_button=0, takeover_button=1)
     ],
 )
 def test_what_hands_say(buttons, axes, fresh, deadman, stick):
-    found = grip(HANDS, buttons, axes, fresh=fresh)
+    found = read_joystick(HANDS, buttons, axes, fresh=fresh)
     assert found.deadman is deadman
     assert found.stick == (None if stick is None else pytest.approx(stick))
 
 
 def test_without_buttons_nobody_is_waited_for():
-    assert grip(HandSettings(), [], [], fresh=False) == (True, None)
+    assert read_joystick(SafetyPilotSettings(), [], [], fresh=False) == (True, None)
 
 
 def test_an_autopilot_nobody_knows_is_refused():

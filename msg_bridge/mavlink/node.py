@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -21,23 +22,24 @@ from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.vehicle_topics import VehicleTopics
-from msg_bridge.mavlink.authority import Commander, Timeouts
+from msg_bridge.mavlink.arbiter import Authority, Timeouts
+from msg_bridge.mavlink.clock import VehicleClock
 from msg_bridge.mavlink.codec import read_key
 from msg_bridge.mavlink.envelope import Limits
-from msg_bridge.mavlink.flight import Flight
-from msg_bridge.mavlink.hands import HandSettings, grip
-from msg_bridge.mavlink.link import Link
-from msg_bridge.mavlink.phases import Phase
+from msg_bridge.mavlink.flight import Change, Flight, Outputs
+from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
+from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.preflight import Item, Preflight
-from msg_bridge.mavlink.runner import Clock, Runner
+from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
-from msg_bridge.mavlink.voice import report
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
-AUTHORITY = (*wire.KEY, "phase", "commander")
+AUTHORITY = (*wire.KEY, "phase", "authority")
 CHANGEABLE = ("order", "seed", "episodes", "initial")
+PREFLIGHT = "bridge: preflight"
+"""Of the checklist, on /diagnostics: each line a key, and `result` last of all."""
 _PARTING = 1.0  # for the last words to an autopilot in flight [s]
 
 
@@ -58,19 +60,20 @@ class Bridge(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("bridge")
         self.settings = parameters.declare(self, NodeSettings)
-        classes = (LinkSettings, FlightSettings, Limits, Timeouts, HandSettings, SlungLoad)
+        classes = (LinkSettings, FlightSettings, Limits, Timeouts, SafetyPilotSettings, SlungLoad)
         for cls in classes:
             names = tuple(field.name for field in fields(cls) if field.name in CHANGEABLE)
             parameters.declare(self, cls, names)
         parameters.check_changes(self, *classes)
         parameters.warn_unknown(self)
         self.task = parameters.read(self, SlungLoad)
-        self._hands = parameters.read(self, HandSettings)
+        self._joystick = parameters.read(self, SafetyPilotSettings)
         self._timeouts = parameters.read(self, Timeouts)
-        self._link: Link | None = None
+        self._link: AutopilotLink | None = None
         self._flight: Flight | None = None
         self._runner: Runner | None = None
         self._refused: InputError | None = None
+        self._checklist: dict[str, str] = {}
         self._joy = Joy()
         self._joy_time = -np.inf
         self._vehicle = VehicleTopics(self)
@@ -91,9 +94,9 @@ class Bridge(LifecycleNode):
         """Land if in the air, and give the autopilot its parameters back."""
         if self._flight is None:
             return
-        if self._flight.phase not in (Phase.IDLE, Phase.DOWN):
+        if self._flight.in_flight:
             print("bridge: ends in flight; the autopilot is told to land", file=sys.stderr)
-            self._flight.land(self._time.now(), "the bridge ends")
+            self._flight.land(self._clock.now(), "the bridge ends")
             end = time.monotonic() + _PARTING
             landing = self._flight.profile.landing
             while time.monotonic() < end and self._flight.link.telemetry.mode != landing:
@@ -109,6 +112,7 @@ class Bridge(LifecycleNode):
         except InputError as error:
             self._put_away()
             self._refused = error
+            self._check("result", f"failed: {error}")
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
@@ -116,18 +120,18 @@ class Bridge(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take off and fly episodes."""
         assert self._flight is not None
-        self._flight.begin(self._time.now())
+        self._flight.begin(self._clock.now())
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Land; that goes on after this has answered."""
         assert self._flight is not None
-        self._flight.land(self._time.now(), "deactivated")
+        self._flight.land(self._clock.now(), "deactivated")
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let the autopilot go, once it is down."""
-        if self._flight is not None and self._flight.phase not in (Phase.IDLE, Phase.DOWN):
+        if self._flight is not None and self._flight.in_flight:
             self.get_logger().error("still in the air; clean up when it has landed")
             return TransitionCallbackReturn.FAILURE
         self._put_away()
@@ -148,23 +152,26 @@ class Bridge(LifecycleNode):
     def _configure(self) -> None:
         settings = parameters.read(self, LinkSettings)
         flight = parameters.read(self, FlightSettings)
+        self._checklist = {"result": "not yet"}
         key = read_key(Path(settings.signing_key)) if settings.signing_key else None
         log = Path(settings.log).expanduser() if settings.log else None
         telemetry = Telemetry(settings.system, settings.load_system)
-        self._time = Clock(flight.real_time_factor)
-        self._link = Link(open_url(settings.url), telemetry, key, log)
+        self._clock = VehicleClock(flight.real_time_factor)
+        self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
         kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
         self._preflight = Preflight(
-            self._link, settings, flight, self._time.now, kept, self._tell, self.context.ok
+            self._link, settings, flight, self._clock, kept, self._found, self.context.ok
         )
         profile = self._preflight.run()
         self._flight = Flight(
             self.task, self._link, profile, flight, parameters.read(self, Limits),
-            self._timeouts, self._show, self._say,
+            self._timeouts,
+            Outputs(self._show, self._say, self._changed),
         )  # fmt: skip
-        self._flight.on_news = self._news
-        self._runner = Runner(self._flight, self._time, self._say)
-        self._tell(Item("passed", "activate the bridge to fly"))
+        self._runner = Runner(self._flight, self._clock, self._say)
+        self._runner.start()
+        self._check("result", "passed")
+        self.get_logger().info("preflight passed: activate the bridge to fly")
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""
@@ -190,8 +197,15 @@ class Bridge(LifecycleNode):
         else:
             self.get_logger().info(text)
 
-    def _tell(self, item: Item) -> None:
+    def _found(self, item: Item) -> None:
         self.get_logger().info(f"preflight: {item.name}: {item.found}")
+        self._check(item.name, item.found)
+
+    def _check(self, name: str, found: str) -> None:
+        """Add to the checklist, and let everybody see it."""
+        result = self._checklist.pop("result", "not yet")
+        self._checklist |= {name: found} if name == "result" else {name: found, "result": result}
+        self._report([self._preflight_status()])
 
     def _look_after(self) -> None:
         """What no message brings about: a stick that has fallen silent."""
@@ -199,31 +213,32 @@ class Bridge(LifecycleNode):
         if flight is None:
             return
         fresh = time.monotonic() - self._joy_time < self._timeouts.joy_timeout
-        hands = grip(self._hands, self._joy.buttons, self._joy.axes, fresh=fresh)
-        flight.deadman, flight.stick = hands
+        person = read_joystick(self._joystick, self._joy.buttons, self._joy.axes, fresh=fresh)
+        flight.supervise(deadman=person.deadman, stick=person.stick)
 
-    def _news(self, phase: Phase, commander: Commander) -> None:
-        flight = self._flight
-        if flight is not None:
-            key = (flight.number, flight.step, *wire.split(round(self._time.now() * 1e9)))
-            runtime.publish(
-                self._authority_out, self._authority_rows.message(*key, phase, commander)
-            )
+    def _changed(self, change: Change) -> None:
+        key = (change.episode, change.step, *wire.split(round(change.time * 1e9)))
+        row = self._authority_rows.message(*key, change.phase, change.authority)
+        runtime.publish(self._authority_out, row)
 
     def _diagnose(self) -> None:
-        flight = self._flight
-        if flight is None:
+        if not self._checklist:
             return
-        found = report(flight)
-        worried = flight.verdict.commander in (Commander.HOLD, Commander.LAND, Commander.OTHER)
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
-            name="bridge",
-            message=f"{found['commander']}: {found['reason'] or found['phase']}",
-            hardware_id=flight.profile.name,
-            values=[KeyValue(key=key, value=str(value)) for key, value in found.items()],
-        )
-        message = DiagnosticArray(status=[status])
+        statuses = [self._preflight_status()]
+        flight = self._flight
+        if flight is not None:
+            found, authority = flight.status(), flight.verdict.authority
+            worried = authority in (Authority.HOLD, Authority.LAND, Authority.OTHER)
+            words = f"{found['authority']}: {found['reason'] or found['phase']}"
+            statuses.append(_status("bridge", worried, words, flight.profile.name, found))
+        self._report(statuses)
+
+    def _preflight_status(self) -> DiagnosticStatus:
+        result = self._checklist["result"]
+        return _status(PREFLIGHT, result != "passed", result, "", self._checklist)
+
+    def _report(self, statuses: list[DiagnosticStatus]) -> None:
+        message = DiagnosticArray(status=statuses)
         message.header.stamp = self.get_clock().now().to_msg()
         runtime.publish(self._diagnostics_out, message)
 
@@ -234,7 +249,7 @@ class Bridge(LifecycleNode):
         if answer is None or self._flight is None:
             return
         number, step = wire.whole(answer.episode), wire.whole(answer.step)
-        self._flight.take(number, step, answer.action, self._time.now())
+        self._flight.act(number, step, answer.action, self._clock.now())
 
     def _on_joy(self, message: Any) -> None:
         self._joy, self._joy_time = message, time.monotonic()
@@ -249,7 +264,7 @@ class Bridge(LifecycleNode):
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
-        self._flight.reset(self._time.now(), self.task, settings)
+        self._flight.reset(self._clock.now(), self.task, settings)
         response.success, response.message = True, f"seed {settings.seed}"
         return response
 
@@ -257,9 +272,21 @@ class Bridge(LifecycleNode):
         if self._flight is None:
             response.success, response.message = False, "not configured"
             return response
-        self._flight.paused = request.data
+        self._flight.supervise(paused=request.data)
         response.success, response.message = True, "holding" if request.data else "flying"
         return response
+
+
+def _status(
+    name: str, worried: bool, words: str, hardware: str, values: Mapping[str, Any]
+) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
+        name=name,
+        message=words,
+        hardware_id=hardware,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
 
 
 def _file_name(settings: LinkSettings) -> str:
@@ -274,5 +301,5 @@ def _warm_up(task: SlungLoad) -> None:
 
 
 def main() -> int:
-    """Run the bridge."""
+    """VelocitySetpoint the bridge."""
     return runtime.main(Bridge, "bridge", sys.argv)

@@ -24,7 +24,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Profile:
+class AutopilotProfile:
     """One autopilot.
 
     Attributes
@@ -82,7 +82,7 @@ def px4_mode(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
-ARDUPILOT = Profile(
+ARDUPILOT = AutopilotProfile(
     name="ardupilot",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     modes={0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL",
@@ -95,7 +95,7 @@ ARDUPILOT = Profile(
     ),
 )  # fmt: skip
 
-PX4 = Profile(
+PX4 = AutopilotProfile(
     name="px4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
     modes={
@@ -116,7 +116,7 @@ PX4 = Profile(
     ),
 )  # fmt: skip
 
-PAPARAZZI = Profile(
+PAPARAZZI = AutopilotProfile(
     name="paparazzi",
     autopilot=dialect.MAV_AUTOPILOT_PPZ,
     modes={0: "unknown"},
@@ -131,7 +131,7 @@ PAPARAZZI = Profile(
 PROFILES = {profile.name: profile for profile in (ARDUPILOT, PX4, PAPARAZZI)}
 
 
-def of_autopilot(number: int) -> Profile:
+def of_autopilot(number: int) -> AutopilotProfile:
     """The profile for what a heartbeat says.
 
     Raises

@@ -11,7 +11,7 @@ from sim_nodes.tasks.slung_load import SlungLoad
 Array = NDArray[np.float64]
 
 
-class Episode:
+class EpisodeClock:
     """Counts steps by the clock, and remembers which action was in force for how long.
 
     A state that comes late by more than half a step gets the number that its time says, not the

@@ -13,7 +13,7 @@ _YEAR_2015 = 1420070400
 """Signatures count tens of microseconds from there [s after the epoch]."""
 
 
-class Weather:
+class Channel:
     """What a link does to datagrams, the same for all links."""
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -26,20 +26,20 @@ class Weather:
         return now < self.cut_until or bool(lost)
 
 
-class Link:
+class Connection:
     """A connection to one peer; no socket: bytes come in and go out by calls.
 
     Parameters
     ----------
-    weather : Weather
+    channel : Channel
     number : int
         Of the link, in its signatures.
     rates : dict of str to float
         Messages sent without being asked [Hz].
     """
 
-    def __init__(self, weather: Weather, number: int, rates: dict[str, float]) -> None:
-        self._weather = weather
+    def __init__(self, channel: Channel, number: int, rates: dict[str, float]) -> None:
+        self._channel = channel
         self.rates = dict(rates)
         self.due: dict[str, float] = {}
         self._queue: list[tuple[float, int, bool, bytes]] = []
@@ -73,9 +73,9 @@ class Link:
             self._senders[system, component] = sender
         data = bytes(message.pack(sender))
         sender.seq = (sender.seq + 1) % 256
-        if self._weather.takes(now):
+        if self._channel.takes(now):
             return
-        if self._weather.delay > 0.0:
+        if self._channel.delay > 0.0:
             self._later(now, True, data)
         else:
             self.out.append(data)
@@ -84,9 +84,9 @@ class Link:
 
     def receive(self, data: bytes, now: float) -> Iterator[Any]:
         """Messages in a datagram, unless it is lost or comes later."""
-        if self._weather.takes(now):
+        if self._channel.takes(now):
             return
-        if self._weather.delay > 0.0:
+        if self._channel.delay > 0.0:
             self._later(now, False, data)
         else:
             yield from self._parse(data)
@@ -102,7 +102,7 @@ class Link:
 
     def _later(self, now: float, outgoing: bool, data: bytes) -> None:
         self._count += 1
-        entry = (now + self._weather.delay, self._count, outgoing, data)
+        entry = (now + self._channel.delay, self._count, outgoing, data)
         heapq.heappush(self._queue, entry)
 
     def _parse(self, data: bytes) -> Iterator[Any]:

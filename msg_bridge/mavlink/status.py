@@ -1,0 +1,56 @@
+"""What a flight tells people: who commands and why, what the autopilot says, what does not come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from msg_bridge.mavlink.arbiter import Authority, Verdict
+from msg_bridge.mavlink.telemetry import Telemetry
+
+Say = Callable[[str, str], None]
+"""Tells a person: "info" or "warning", and the words."""
+
+_PERIOD = 20.0  # between two words about what does not come about [s]
+_WARNING = 4  # MAV_SEVERITY; less is worse
+_CALM = (Authority.BRIDGE, Authority.ACTOR, Authority.NOBODY)
+
+
+class StatusReporter:
+    """Puts a flight into words.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+    say : callable
+    """
+
+    def __init__(self, telemetry: Telemetry, say: Say) -> None:
+        self._telemetry, self.say = telemetry, say
+        self._heard = self._since = 0.0
+
+    def begin(self, now: float) -> None:
+        """Something begins: have patience with it."""
+        self._since = now
+
+    def relay(self, now: float) -> None:
+        """Tell what the autopilot has said since the last time."""
+        for when, severity, text in list(self._telemetry.texts):
+            if when > self._heard:
+                self.say("warning" if severity <= _WARNING else "info", f"autopilot: {text}")
+        self._heard = now
+
+    def verdict(self, before: Verdict, verdict: Verdict) -> None:
+        """Tell that somebody else commands, and why."""
+        name = verdict.authority.name.lower()
+        if verdict.authority in _CALM:
+            if before.authority not in (*_CALM, Authority.NEUTRAL):
+                self.say("info", f"{name} commands again")
+        elif verdict.authority is not Authority.NEUTRAL:
+            self.say("warning", f"{name}: {verdict.reason}")
+
+    def delay(self, now: float, what: str) -> None:
+        """Tell now and then what does not come about, and what the autopilot says to it."""
+        if now - self._since > _PERIOD:
+            self._since = now
+            said = self._telemetry.texts_since(now - _PERIOD)
+            self.say("warning", what + (f"; autopilot: {said[-1]}" if said else ""))
