@@ -9,14 +9,14 @@ FLYING = Situation(episode=True)
 
 
 @pytest.mark.parametrize(
-    ("changed", "commander"),
+    ("changed", "authority"),
     [
         ({}, Authority.ACTOR),
         ({"action_age": 0.149}, Authority.ACTOR),
         ({"action_age": 0.151}, Authority.NEUTRAL),
         ({"action_age": 0.299}, Authority.NEUTRAL),
         ({"action_age": 0.301}, Authority.HOLD),
-        ({"alone": 61.0}, Authority.LAND),
+        ({"unanswered": 61.0}, Authority.LAND),
         ({"silence": 0.5}, Authority.HOLD),
         ({"telemetry_age": 0.5}, Authority.HOLD),
         ({"telemetry_age": math.inf}, Authority.HOLD),
@@ -36,8 +36,8 @@ FLYING = Situation(episode=True)
         ({"episode": False, "deadman": False}, Authority.HOLD),
     ],
 )
-def test_each_cause_alone(changed, commander):
-    assert arbitrate(FLYING._replace(**changed), T).commander is commander
+def test_each_cause_alone(changed, authority):
+    assert arbitrate(FLYING._replace(**changed), T).authority is authority
 
 
 ABOVE = [
@@ -48,7 +48,7 @@ ABOVE = [
     ({"telemetry_age": 9.0}, Authority.HOLD),
     ({"pilot": True}, Authority.PILOT),
     ({"violation": "x"}, Authority.HOLD),
-    ({"alone": 99.0}, Authority.LAND),
+    ({"unanswered": 99.0}, Authority.LAND),
     ({"action_age": 9.0}, Authority.HOLD),
 ]
 
@@ -59,11 +59,11 @@ def test_of_many_causes_the_highest_decides(rank):
     situation = FLYING
     for changed, _ in ABOVE[rank:]:
         situation = situation._replace(**changed)
-    assert arbitrate(situation, T).commander is ABOVE[rank][1]
+    assert arbitrate(situation, T).authority is ABOVE[rank][1]
 
 
 def test_whoever_does_not_command_is_told_why():
-    for changed, commander in ABOVE:
+    for changed, authority in ABOVE:
         verdict = arbitrate(FLYING._replace(**changed), T)
-        assert commander is verdict.authority
+        assert authority is verdict.authority
         assert verdict.reason

@@ -69,15 +69,17 @@ class Actor:
     def state(self):
         return self.call(GetState, "/bridge/get_state", GetState.Request()).current_state.label
 
-    def commands(self, commander):
+    def commands(self, authority):
         """Until somebody has begun to command since this was asked last."""
         seen = len(self.authority)
-        self.until(lambda: any(row["commander"] == commander for row in self.authority[seen:]))
+        self.until(lambda: any(row["authority"] == authority for row in self.authority[seen:]))
 
 
 @pytest.fixture
 def sitl():
-    with Sitl("px4", ["udpin:127.0.0.1:0"], parameters("px4", FACTOR), ready_after=2.0) as vehicle:
+    with Sitl(
+        "px4", ["udpin:127.0.0.1:0"], parameters("px4", SIM_SPEEDUP=FACTOR), ready_after=2.0
+    ) as vehicle:
         yield vehicle
 
 

@@ -16,7 +16,7 @@ from sim_nodes.tasks.slung_load import CABLE, DUNK, RELEASE, WALL
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
     with Flying(tmp_path, like, episodes=6) as f:
-        f.until(lambda: f.flight.phase is Phase.DOWN, 90.0)
+        f.until(lambda: f.flight.phase is Phase.DOWN, 400.0)
         assert len(f.ends) == 6
         assert sum(seen.reward == DUNK for seen in f.ends) >= 5
         assert f.flight.violations == 0
@@ -33,7 +33,7 @@ def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
         "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0},
         "ardupilot": {"GUID_TIMEOUT": 3.0, "PSC_JERK_XY": 5.0},
     }[like].items():
-        assert f.sitl.autopilot.parameters[name] == value  # given back
+        assert f.autopilot.parameters[name] == value  # given back
     assert (tmp_path / "flight.tlog").stat().st_size > 10_000
 
 
@@ -51,7 +51,7 @@ def test_states_are_where_the_vehicle_is(tmp_path, setpoints):
             return act(seen)
 
         f.act = look
-        f.until(lambda: f.flight.phase is Phase.DOWN, 60.0)
+        f.until(lambda: f.flight.phase is Phase.DOWN)
     assert len(truth) > 20
     for seen, (position, velocity, load) in truth:
         x, speed, angle, _ = seen.state
@@ -101,7 +101,7 @@ def learned():
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_a_policy_warm_started_from_demonstrations_dunks(tmp_path, like, learned):
     with Flying(tmp_path, like, learned, episodes=10, seed=1) as f:
-        f.until(lambda: f.flight.phase is Phase.DOWN, 120.0)
+        f.until(lambda: f.flight.phase is Phase.DOWN, 400.0)
         rewards = [end.reward for end in f.ends]
         assert sum(reward == DUNK for reward in rewards) >= 8, rewards
         assert not {WALL, CABLE} & set(rewards)

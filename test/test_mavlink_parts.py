@@ -1,4 +1,4 @@
-"""Load, episodes, hands and preflight of the bridge."""
+"""Load, episodes, joystick and preflight of the bridge."""
 
 import math
 from dataclasses import replace
@@ -136,7 +136,7 @@ def test_judging_what_was_flown_is_what_the_task_says():
         assert TASK.judge(state, following) == (reward, bool(terminated))
 
 
-def test_the_ferry_brings_a_swinging_load_to_rest_elsewhere():
+def test_transit_brings_a_swinging_load_to_rest_elsewhere():
     transit = Transit(1.0, 0.4)
     x, v, a, angle, rate = 0.0, 0.0, 0.0, 0.8, 0.0
     for _ in range(round(12.0 / 0.02)):
@@ -150,7 +150,7 @@ def test_the_ferry_brings_a_swinging_load_to_rest_elsewhere():
     assert max(abs(v), abs(angle), abs(rate)) < 0.1
 
 
-HANDS = SafetyPilotSettings(deadman_button=0, takeover_button=1)
+PERSON = SafetyPilotSettings(deadman_button=0, takeover_button=1)
 
 
 @pytest.mark.parametrize(
@@ -168,14 +168,14 @@ HANDS = SafetyPilotSettings(deadman_button=0, takeover_button=1)
         ([1, 1], [1.0], False, False, 0.0),  # who flew and fell silent keeps the vehicle, at rest
     ],
 )
-def test_what_hands_say(buttons, axes, fresh, deadman, stick):
-    found = read_joystick(HANDS, buttons, axes, fresh=fresh)
+def test_what_a_person_at_the_joystick_does(buttons, axes, fresh, deadman, stick):
+    found = read_joystick(PERSON, buttons, axes, fresh=fresh)
     assert found.deadman is deadman
     assert found.stick == (None if stick is None else pytest.approx(stick))
 
 
 def test_without_buttons_nobody_is_waited_for():
-    assert read_joystick(SafetyPilotSettings(), [], [], fresh=False) == (True, None)
+    assert read_joystick(SafetyPilotSettings(), [], [], fresh=False) == (True, None, False)
 
 
 def test_an_autopilot_nobody_knows_is_refused():
@@ -193,8 +193,7 @@ def test_an_autopilot_nobody_knows_is_refused():
     ],
 )
 def test_a_preflight_that_fails_says_why(tmp_path, options, why):
-    flying = Flying(tmp_path, "ardupilot", **options)
-    flying.preflight._settings = type(flying.preflight._settings)(patience=6.0)
+    flying = Flying(tmp_path, "ardupilot", patience=6.0, **options)
     with pytest.raises(InputError, match=why), flying:
         pass
 
@@ -211,7 +210,7 @@ def test_without_its_parameters_nothing_flies(tmp_path, like, monkeypatch):
 
 def test_what_a_killed_bridge_had_changed_the_next_one_gives_back(tmp_path):
     with Flying(tmp_path, "px4") as killed:
-        values = killed.sitl.autopilot.parameters
+        values = killed.autopilot.parameters
         assert values["COM_OF_LOSS_T"] == 0.5
         with_memory = killed.preflight
         killed.preflight.run()  # another bridge, on the same vehicle and the same file

@@ -52,9 +52,9 @@ READY_AFTER = 2.0
 """From boot until the autopilot can be armed [s]."""
 
 
-def parameters(like: str, factor: float = 1.0, **changed: float) -> dict[str, float]:
+def parameters(like: str, **changed: float) -> dict[str, float]:
     """What the embedded autopilot boots with, for a load that reports itself and can be let go."""
-    known = {"SIM_SPEEDUP": factor, "SIM_LOAD_RATE": 20.0}
+    known = {"SIM_LOAD_RATE": 20.0}
     return known | (GRIPPER if like == "ardupilot" else {}) | changed
 
 

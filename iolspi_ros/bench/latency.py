@@ -116,7 +116,9 @@ def rows(folder: Path, samples: int = SAMPLES) -> list[Row]:
     context = multiprocessing.get_context("spawn")
     solver = context.Process(target=_solve, daemon=True)
     solver.start()
-    with Sitl("px4", ["udpin:127.0.0.1:0"], parameters("px4", FACTOR), ready_after=2.0) as sitl:
+    with Sitl(
+        "px4", ["udpin:127.0.0.1:0"], parameters("px4", SIM_SPEEDUP=FACTOR), ready_after=2.0
+    ) as sitl:
         tap = Tap(sitl.addresses[0])
         try:
             asked = _answer(folder, f"udpout:127.0.0.1:{tap.address[1]}", samples)
