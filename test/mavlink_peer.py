@@ -1,5 +1,7 @@
 """A ground station without a socket, for tests of the embedded autopilot in its own time."""
 
+import copy
+import copyreg
 import dataclasses
 import struct
 
@@ -108,8 +110,19 @@ class Peer:
         return self.now - start
 
 
-def flying(like, height=5.0, **settings):
-    """A vehicle in the air, in the mode for setpoints from outside."""
+def flying(like, height=5.0, parameters=None, **settings):
+    """A vehicle in the air, in the mode for setpoints from outside; a copy of one flown before."""
+    key = (like, height, *sorted((parameters or {}).items()), *sorted(settings.items()))
+    if key not in _FLOWN:
+        _FLOWN[key] = _take_off(like, height, parameters=parameters or {}, **settings)
+    return copy.deepcopy(_FLOWN[key])
+
+
+_FLOWN = {}
+copyreg.pickle(struct.Struct, lambda s: (struct.Struct, (s.format,)))  # of pymavlink's parsers
+
+
+def _take_off(like, height, **settings):
     peer = Peer(like, ready_after=1.0, **settings)
     peer.run(peer.autopilot.firmware.ready_after + 1.0)
     if like == "ardupilot":

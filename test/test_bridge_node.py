@@ -5,6 +5,7 @@ import signal
 
 import pytest
 from conftest import spin_until
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import JointState, Joy
@@ -16,7 +17,7 @@ from iolspi_ros.bench.flying import FACTOR, parameters
 from iolspi_ros.core.online import Source
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.arbiter import Authority
-from msg_bridge.mavlink.node import AUTHORITY
+from msg_bridge.mavlink.node import AUTHORITY, PREFLIGHT, Bridge
 from msg_bridge.mavlink.phases import Phase
 from sim_nodes.autopilot.firmware import Mode
 from sim_nodes.autopilot.server import Sitl
@@ -39,6 +40,8 @@ class Actor:
         listen(JointState, "state", self.states.append, qos.CONTROL)
         listen(Float64MultiArray, "reward", self.answer, qos.CONTROL)
         listen(Float64MultiArray, "authority", self.heard, qos.REPORTS)
+        self.status = {}
+        listen(DiagnosticArray, "/diagnostics", self.diagnosed, qos.RECORDING)
 
     def answer(self, message):
         row = dict(zip(wire.REWARD, message.data, strict=True))
@@ -49,6 +52,10 @@ class Actor:
 
     def heard(self, message):
         self.authority.append(dict(zip(AUTHORITY, message.data, strict=True)))
+
+    def diagnosed(self, message):
+        for status in message.status:
+            self.status[status.name] = {pair.key: pair.value for pair in status.values}
 
     def until(self, ready, deadline=40.0):
         spin_until(self.executor, ready, deadline)
@@ -101,6 +108,13 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
     assert actor.state == "unconfigured"
     assert actor.change(Transition.TRANSITION_CONFIGURE)
     assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
+    actor.until(lambda: actor.status.get(PREFLIGHT, {}).get("result") == "passed")
+    assert list(actor.status[PREFLIGHT]) == [
+        "autopilot", "signed", "COM_OF_LOSS_T", "COM_OBL_RC_ACT", "position estimate", "clock",
+        "load", "result",
+    ]  # fmt: skip
+    assert actor.status[PREFLIGHT]["load"] == "reported by system 2"
+    actor.until(lambda: actor.status.get("bridge", {}).get("phase") == "idle")
     assert not sitl.autopilot.commander.armed
     assert actor.change(Transition.TRANSITION_ACTIVATE)
     actor.until(lambda: len(actor.rewards) > 60)
@@ -119,6 +133,7 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
     assert nodes.end("bridge") == 0
 
 
+@pytest.mark.slow
 def test_in_flight_a_signal_lands_and_gives_the_parameters_back(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate")
     actor.commands(Authority.ACTOR)
@@ -128,6 +143,7 @@ def test_in_flight_a_signal_lands_and_gives_the_parameters_back(nodes, sitl, act
     assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.0
 
 
+@pytest.mark.slow
 def test_actions_that_are_none_change_nothing(nodes, sitl, actor):
     """They are as good as silence: neutral, then hold, and on again when one comes that is."""
     start(nodes, sitl, "-p", "autostart:=activate")
@@ -140,6 +156,7 @@ def test_actions_that_are_none_change_nothing(nodes, sitl, actor):
     nodes.wait_for("bridge", "ignored")
 
 
+@pytest.mark.slow
 def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate", "-p", "takeover_button:=0",
           "-p", "deadman_button:=1")  # fmt: skip
@@ -160,6 +177,7 @@ def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
     actor.commands(Authority.ACTOR)
 
 
+@pytest.mark.slow
 def test_it_waits_while_paused(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate")
     actor.commands(Authority.ACTOR)
@@ -169,6 +187,7 @@ def test_it_waits_while_paused(nodes, sitl, actor):
     actor.commands(Authority.ACTOR)
 
 
+@pytest.mark.slow
 def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor):
     actor.action = None
     start(nodes, sitl, "-p", "autostart:=activate")
@@ -186,14 +205,28 @@ def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor)
     actor.commands(Authority.ACTOR)
 
 
-def test_bad_input_is_said_in_one_line(nodes):
-    for arguments, words in (
-        (("-p", "url:=nowhere"), "url is 'nowhere'; allowed:"),
-        (("-p", "box:=[3.0, -3.0]"), "the least first"),
-        (("-p", "task:=pendulum"), "task is 'pendulum'"),
-        (("-p", "signing_key:=/not/there"), "signing key"),
-    ):
-        status, said = nodes.finish("bridge", "-p", "autostart:=configure", *arguments)
-        assert status == 2, said
-        assert words in said.splitlines()[-1]
-        assert "Traceback" not in said
+@pytest.fixture
+def finish(monkeypatch, domain):
+    """Run the bridge in this process to its own end; its status."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield lambda *arguments: runtime.main(Bridge, "bridge", ["bridge", "--ros-args", *arguments])
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("url:=nowhere", "url is 'nowhere'; allowed:"),
+        ("box:=[3.0, -3.0]", "the least first"),
+        ("task:=pendulum", "task is 'pendulum'"),
+        ("signing_key:=/not/there", "signing key"),
+    ],
+)
+def test_bad_input_is_said_in_one_line(finish, capfd, argument, words):
+    assert finish("-p", "autostart:=configure", "-p", argument) == 2
+    said = capfd.readouterr().err
+    assert words in said.splitlines()[-1]
+    assert "Traceback" not in said

@@ -243,6 +243,37 @@ def test_wrong_system_id(tmp_path):
         assert not f.heard("disarmed")
 
 
+@pytest.mark.parametrize("like", LIKES)
+def test_a_companion_on_the_vehicle_is_not_the_autopilot(tmp_path, like):
+    """Its heartbeats say neither that the motors stand still nor that the mode has changed."""
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        companion = Codec(1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
+        heartbeat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+        for _ in range(20):
+            for message in f.link.codec.read(companion.pack(heartbeat), whole=True):
+                f.telemetry.take(message, f.clock.now())
+            f.wait(0.05)
+        f.episodes(1)
+        assert not f.heard("disarmed")
+        assert not f.heard("changed the mode")
+
+
+def test_nobody_has_ever_answered(tmp_path):
+    """It asks again and again at the same place, and lands after a minute."""
+    with Flying(tmp_path, "px4", lambda seen: None) as f:
+        f.in_air()
+        since = f.clock.now()
+        f.until(lambda: f.flight.phase is Phase.DOWN)
+        landed = next(change for change in f.changes if change.phase is Phase.LANDING)
+        assert f.heard("land: nobody has answered for 60 s")
+        assert 50.0 < landed.time - since < 90.0
+        asked = [seen for _, seen in f.seen if seen.step == 0]
+        assert len(asked) > 20
+        assert np.ptp([seen.state[0] for seen in asked]) < 0.3
+        assert f.flight.abandoned == f.flight.flown == 0
+
+
 KEY, WRONG = bytes(range(32)), bytes(32)
 
 

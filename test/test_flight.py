@@ -1,4 +1,4 @@
-"""Whole flights of the embedded autopilot, faster than real time."""
+"""Whole flights of the embedded autopilot, on a stepped clock but where it says otherwise."""
 
 import itertools
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bags import read_demonstration
-from iolspi_ros.bench.flying import Flying
+from iolspi_ros.bench.flying import FACTOR, PATIENT, Flying, RealTime
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.phases import Phase
@@ -35,6 +35,31 @@ def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
     }[like].items():
         assert f.autopilot.parameters[name] == value  # given back
     assert (tmp_path / "flight.tlog").stat().st_size > 10_000
+
+
+def test_one_seed_gives_one_flight(tmp_path):
+    bad = {"SIM_NOISE": 0.02, "SIM_WIND_SPD": 2.0, "SIM_WIND_TURB": 0.5, "SIM_LOSS": 0.02,
+           "SIM_DELAY": 0.02}  # fmt: skip
+
+    def fly(seed):
+        with Flying(tmp_path, "ardupilot", autopilot=bad, seed=seed, episodes=2) as f:
+            f.until(lambda: f.flight.phase is Phase.DOWN)
+        states = [(when, *seen.state, seen.reward, seen.action) for when, seen in f.seen]
+        return states, f.changes, f.words(), [message.to_dict() for _, message in f.sent]
+
+    assert fly(3) == fly(3)
+    assert fly(3) != fly(4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_in_real_time_on_sockets(tmp_path, like):
+    with Flying(tmp_path, like, world=RealTime, factor=FACTOR, timeouts=PATIENT, episodes=3) as f:
+        f.until(lambda: f.flight.phase is Phase.DOWN, 400.0)
+        assert len(f.ends) == 3
+        assert sum(seen.reward == DUNK for seen in f.ends) >= 2
+        assert f.flight.violations == 0
+        assert not f.broken
 
 
 @pytest.mark.parametrize("setpoints", ["acceleration", "velocity"])
@@ -98,6 +123,7 @@ def learned():
     return lambda seen: learner.act(seen.state, explore=False)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_a_policy_warm_started_from_demonstrations_dunks(tmp_path, like, learned):
     with Flying(tmp_path, like, learned, episodes=10, seed=1) as f:

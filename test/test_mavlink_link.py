@@ -195,6 +195,22 @@ def test_all_that_is_said_is_in_the_log(tmp_path):
     assert 1.5e15 < first <= second < 1e16  # microseconds since 1970
 
 
+def test_a_heartbeat_of_another_component_is_not_the_autopilots():
+    """A camera or a companion of the same system is neither armed nor in a mode."""
+    codec, telemetry = Codec(255, 190), Telemetry(1, 2)
+
+    def hear(component, message, now):
+        for taken in codec.read(Codec(1, component).pack(message), whole=True):
+            telemetry.take(taken, now)
+
+    camera = dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3)
+    hear(100, camera, 1.0)
+    assert telemetry.autopilot is None
+    hear(1, HEARTBEAT, 2.0)
+    hear(191, camera, 3.0)
+    assert (telemetry.autopilot, telemetry.mode, telemetry.armed) == (12, 6 << 16, True)
+
+
 def test_a_command_that_is_not_finite_is_never_sent():
     end = peer()
     link = AutopilotLink(open_url(f"udpout:127.0.0.1:{end.getsockname()[1]}"), Telemetry(1, 2))

@@ -485,6 +485,10 @@ class Flying:
             )
         )
 
+    def in_air(self) -> None:
+        """Wait until it is on the way to the first episode."""
+        self.until(lambda: self.flight.phase is Phase.TRANSIT)
+
     def setpoints(self, since: float) -> list[tuple[float, Any]]:
         """Times and messages of the setpoints sent."""
         name = "SET_POSITION_TARGET_LOCAL_NED"

@@ -96,7 +96,7 @@ class Bridge(LifecycleNode):
             return
         if self._flight.in_flight:
             print("bridge: ends in flight; the autopilot is told to land", file=sys.stderr)
-            self._flight.land(self._clock.now(), "the bridge ends")
+            self._flight.land(self._vehicle_clock.now(), "the bridge ends")
             end = time.monotonic() + _PARTING
             landing = self._flight.profile.landing
             while time.monotonic() < end and self._flight.link.telemetry.mode != landing:
@@ -120,13 +120,13 @@ class Bridge(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take off and fly episodes."""
         assert self._flight is not None
-        self._flight.begin(self._clock.now())
+        self._flight.begin(self._vehicle_clock.now())
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Land; that goes on after this has answered."""
         assert self._flight is not None
-        self._flight.land(self._clock.now(), "deactivated")
+        self._flight.land(self._vehicle_clock.now(), "deactivated")
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -156,11 +156,11 @@ class Bridge(LifecycleNode):
         key = read_key(Path(settings.signing_key)) if settings.signing_key else None
         log = Path(settings.log).expanduser() if settings.log else None
         telemetry = Telemetry(settings.system, settings.load_system)
-        self._clock = VehicleClock(flight.real_time_factor)
+        self._vehicle_clock = VehicleClock(flight.real_time_factor)
         self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
         kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
         self._preflight = Preflight(
-            self._link, settings, flight, self._clock, kept, self._found, self.context.ok
+            self._link, settings, flight, self._vehicle_clock, kept, self._found, self.context.ok
         )
         profile = self._preflight.run()
         self._flight = Flight(
@@ -168,7 +168,7 @@ class Bridge(LifecycleNode):
             self._timeouts,
             Outputs(self._show, self._say, self._changed),
         )  # fmt: skip
-        self._runner = Runner(self._flight, self._clock, self._say)
+        self._runner = Runner(self._flight, self._vehicle_clock, self._say)
         self._runner.start()
         self._check("result", "passed")
         self.get_logger().info("preflight passed: activate the bridge to fly")
@@ -249,7 +249,7 @@ class Bridge(LifecycleNode):
         if answer is None or self._flight is None:
             return
         number, step = wire.whole(answer.episode), wire.whole(answer.step)
-        self._flight.act(number, step, answer.action, self._clock.now())
+        self._flight.act(number, step, answer.action, self._vehicle_clock.now())
 
     def _on_joy(self, message: Any) -> None:
         self._joy, self._joy_time = message, time.monotonic()
@@ -264,7 +264,7 @@ class Bridge(LifecycleNode):
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
-        self._flight.reset(self._clock.now(), self.task, settings)
+        self._flight.reset(self._vehicle_clock.now(), self.task, settings)
         response.success, response.message = True, f"seed {settings.seed}"
         return response
 
