@@ -64,6 +64,6 @@ def test_of_many_causes_the_highest_decides(rank):
 
 def test_whoever_does_not_command_is_told_why():
     for changed, authority in ABOVE:
-        verdict = arbitrate(FLYING._replace(**changed), T)
-        assert authority is verdict.authority
-        assert verdict.reason
+        ruling = arbitrate(FLYING._replace(**changed), T)
+        assert authority is ruling.authority
+        assert ruling.reason

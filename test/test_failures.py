@@ -66,7 +66,7 @@ def test_learner_frozen(tmp_path):
 
         f.act = act
         f.until(lambda: asleep)
-        f.until(lambda: f.flight.verdict.authority is Authority.HOLD)
+        f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         f.until(lambda: f.speed < 0.15)
         since, asleep = f.clock.now(), False
         for seen in missed:
@@ -98,7 +98,7 @@ def test_delay_of_300_ms(tmp_path, like):
     with Flying(tmp_path, like, initial="narrow") as f:
         f.in_episode()
         f.change("SIM_DELAY", 0.3)
-        f.until(lambda: f.flight.verdict.authority is Authority.HOLD)
+        f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         f.wait(6.0)
         assert f.speed < 0.3
         assert f.inside()
@@ -163,7 +163,7 @@ def test_mode_changed_by_another_ground_station(tmp_path, like):
         f.in_episode()
         other = Station(f)
         other.mode(f.profile, hold_mode(f.profile))
-        f.until(lambda: f.flight.verdict.authority is Authority.OTHER)
+        f.until(lambda: f.flight.ruling.authority is Authority.OTHER)
         f.wait(5.0)
         assert f.telemetry.mode == hold_mode(f.profile)  # nobody argues
         assert f.speed < 0.3
@@ -211,9 +211,9 @@ def test_load_feed_lost(tmp_path):
     with Flying(tmp_path, "px4") as f:
         f.in_episode()
         f.change("SIM_LOAD_RATE", 0.0)
-        f.until(lambda: f.flight.verdict.authority is Authority.HOLD)
+        f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         f.wait(3.0)
-        assert f.flight.verdict.authority is Authority.HOLD
+        assert f.flight.ruling.authority is Authority.HOLD
         assert f.speed < 0.3
         assert f.heard("the load is not heard")
         f.change("SIM_LOAD_RATE", 20.0)
@@ -225,7 +225,7 @@ def test_clock_jump(tmp_path, jump):
     with Flying(tmp_path, "ardupilot") as f:
         f.in_episode()
         f.change("SIM_CLOCK_JUMP", jump)
-        f.until(lambda: f.flight.verdict.authority is Authority.HOLD)
+        f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         assert f.heard("clock has jumped")
         f.episodes(1)
 

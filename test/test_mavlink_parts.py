@@ -201,7 +201,7 @@ def test_a_preflight_that_fails_says_why(tmp_path, options, why):
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_without_its_parameters_nothing_flies(tmp_path, like, monkeypatch):
     profile = profiles.PROFILES[like]
-    changes = (*profile.changes, profiles.Change("NOT_THERE", 1.0, "to see"))
+    changes = (*profile.changes, profiles.ParameterChange("NOT_THERE", 1.0, "to see"))
     monkeypatch.setitem(profiles.PROFILES, like, replace(profile, changes=changes))
     flying = Flying(tmp_path, like)
     with pytest.raises(InputError, match=r"NOT_THERE .*cannot be read; without it nothing"), flying:

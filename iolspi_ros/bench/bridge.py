@@ -26,7 +26,7 @@ MEASUREMENTS = 2 + len(LIKES) * (1 + REPEATED)
 
 
 def learned() -> Act:
-    """IOLSPI: taught by shipped set 5, then 500 episodes on the model; greedy from then on."""
+    """IOLSPI: pretrained on shipped set 5, then 500 episodes on the model; greedy from then on."""
     world, learner = prepare("slung_load", find("config", "slung_load.yaml"), 0)
     bag = find("demos", "slung_load", "set_5")
     learner.inform(read_demonstration(bag, "slung_load", world.task.joints).transitions(4))

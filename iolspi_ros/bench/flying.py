@@ -22,10 +22,10 @@ from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink.arbiter import Authority, Timeouts
 from msg_bridge.mavlink.clock import Clock, VehicleClock
 from msg_bridge.mavlink.envelope import Limits, violation
-from msg_bridge.mavlink.flight import Change, Flight, Outputs
+from msg_bridge.mavlink.flight import AuthorityChange, Flight, Outputs
 from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.phases import Phase
-from msg_bridge.mavlink.preflight import Item, Preflight
+from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import Telemetry
@@ -65,7 +65,7 @@ def pilot(task: SlungLoad) -> Act:
     return lambda seen: law.decide(seen.state, 0.0)
 
 
-class World(Protocol):
+class FlightWorld(Protocol):
     """Where a flight happens: an autopilot, ways to it, and time."""
 
     @property
@@ -320,7 +320,7 @@ class Flying:
         like: str,
         act: Act | None = None,
         *,
-        world: Callable[..., World] = Stepped,
+        world: Callable[..., FlightWorld] = Stepped,
         factor: float = 1.0,
         timeouts: Timeouts | None = None,
         system: int = 1,
@@ -338,11 +338,11 @@ class Flying:
         self.log = folder / "flight.tlog"
         self.link = AutopilotLink(self.world.connect(), self.telemetry, keys[1], self.log)
         self.settings = FlightSettings(real_time_factor=factor, seed=seed, **settings)
-        self.checklist: list[Item] = []
+        self.checklist: list[ChecklistItem] = []
         self.said: list[tuple[float, str, str]] = []
         self.seen: list[tuple[float, Observation]] = []
         self.sent: list[tuple[float, Any]] = []
-        self.changes: list[Change] = []
+        self.changes: list[AuthorityChange] = []
         self.preflight = Preflight(
             self.link, LinkSettings(patience=patience), self.settings, self.clock,
             folder / "before.json", self.checklist.append,
@@ -480,7 +480,7 @@ class Flying:
         self.until(
             lambda: (
                 self.flight.phase is Phase.EPISODE
-                and self.flight.verdict.authority is Authority.ACTOR
+                and self.flight.ruling.authority is Authority.ACTOR
                 and self.flight.step >= step
             )
         )
@@ -536,7 +536,7 @@ def lost(flying: Flying, dying: Dying) -> tuple[float, float]:
     f = flying
     f.until(lambda: dying.left <= 0)
     start = f.body()[0]
-    f.until(lambda: f.flight.verdict.authority is not Authority.ACTOR)
+    f.until(lambda: f.flight.ruling.authority is not Authority.ACTOR)
     begun = f.flight.answered_time or f.clock.now()
     f.until(lambda: f.flight.phase is not Phase.EPISODE)
     f.until(lambda: f.speed < 0.15)

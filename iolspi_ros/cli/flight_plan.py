@@ -38,7 +38,7 @@ class FlightPlan(NamedTuple):
     episodes: int
     shown: int
     seed: int
-    taught_by: str
+    pretrained_on: str
 
 
 def free_port() -> int:
@@ -69,8 +69,8 @@ def practise(plan: FlightPlan, bag: Path, episodes: int, config: Path, out: Path
         train(world, learner, episodes, Listener(on_episode=ended))
     path = out / "practised.npz"
     checkpoint.save(path, learner, TASK)
-    taught = f"{plan.taught_by} and {episodes} episodes on the model"
-    return plan._replace(bag=None, checkpoint=path, taught_by=taught)
+    pretrained_on = f"{plan.pretrained_on} and {episodes} episodes on the model"
+    return plan._replace(bag=None, checkpoint=path, pretrained_on=pretrained_on)
 
 
 def start_embedded(nodes: Graph, plan: FlightPlan) -> None:
@@ -96,10 +96,11 @@ class Warnings:
 
     def __init__(self, monitor: Monitor) -> None:
         from rcl_interfaces.msg import Log
-        from rclpy.qos import qos_profile_rosout_default
+
+        from iolspi_ros import qos
 
         self._said: list[str] = []
-        monitor.create_subscription(Log, "/rosout", self._on_log, qos_profile_rosout_default)
+        monitor.create_subscription(Log, "/rosout", self._on_log, qos.REPORTS)
 
     def _on_log(self, message: Any) -> None:
         if message.name == "bridge" and message.level >= _WARN:

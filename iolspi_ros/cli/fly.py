@@ -156,9 +156,9 @@ def _report(
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
     extra["shown_success_fraction"] = float(succeeded(vehicle, shown).mean())
     lead = (
-        f"An autopilot ({extra['autopilot']}) was flown over MAVLink by a learner that was taught "
-        f"by {plan.taught_by}. Rewards are the task's; where a load came down is what its own "
-        "system reported, or the parabola where there is none."
+        f"An autopilot ({extra['autopilot']}) was flown over MAVLink by a learner that was "
+        f"pretrained on {plan.pretrained_on}. Rewards are the task's; where a load came down is "
+        "what its own system reported, or the parabola where there is none."
     )
     best = yardstick(vehicle)
     with console.status("drawing …"):

@@ -114,52 +114,52 @@ class Situation(NamedTuple):
     paused: bool = False
 
 
-class Verdict(NamedTuple):
+class Ruling(NamedTuple):
     """Who commands, and why not the one above."""
 
     authority: Authority
     reason: str = ""
 
 
-def arbitrate(s: Situation, timeouts: Timeouts) -> Verdict:
+def arbitrate(s: Situation, timeouts: Timeouts) -> Ruling:
     """Who commands a vehicle in flight."""
     if s.silence > timeouts.telemetry_timeout:
-        return Verdict(Authority.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
+        return Ruling(Authority.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
     if not s.armed:
-        return Verdict(Authority.OTHER, "the vehicle was disarmed")
+        return Ruling(Authority.OTHER, "the vehicle was disarmed")
     if not s.controlled:
-        return Verdict(Authority.OTHER, "somebody changed the mode")
+        return Ruling(Authority.OTHER, "somebody changed the mode")
     if s.lost > timeouts.estimator_timeout:
-        return Verdict(Authority.LAND, "the autopilot has lost its position estimate")
+        return Ruling(Authority.LAND, "the autopilot has lost its position estimate")
     if s.telemetry_age > timeouts.telemetry_timeout:
-        return Verdict(Authority.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
+        return Ruling(Authority.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
     if s.pilot:
-        return Verdict(Authority.PILOT, "a person has taken over")
+        return Ruling(Authority.PILOT, "a person has taken over")
     if s.violation:
-        return Verdict(Authority.HOLD, f"envelope: {s.violation}")
+        return Ruling(Authority.HOLD, f"envelope: {s.violation}")
     if s.jumped:
-        return Verdict(Authority.HOLD, "the autopilot's clock has jumped")
+        return Ruling(Authority.HOLD, "the autopilot's clock has jumped")
     if s.round_trip > timeouts.round_trip_limit:
-        return Verdict(
+        return Ruling(
             Authority.HOLD, f"the link is slow: over {timeouts.round_trip_limit:g} s there and back"
         )
     if s.paused:
-        return Verdict(Authority.HOLD, "paused")
+        return Ruling(Authority.HOLD, "paused")
     if not s.deadman:
-        return Verdict(Authority.HOLD, "the deadman's button was let go")
+        return Ruling(Authority.HOLD, "the deadman's button was let go")
     if s.load_age > timeouts.load_timeout:
-        return Verdict(Authority.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
+        return Ruling(Authority.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
     if s.unanswered > timeouts.land_after:
-        return Verdict(Authority.LAND, f"nobody has answered for {timeouts.land_after:g} s")
+        return Ruling(Authority.LAND, f"nobody has answered for {timeouts.land_after:g} s")
     if not s.episode:
-        return Verdict(Authority.BRIDGE)
+        return Ruling(Authority.BRIDGE)
     return _actor(s, timeouts)
 
 
-def _actor(s: Situation, timeouts: Timeouts) -> Verdict:
+def _actor(s: Situation, timeouts: Timeouts) -> Ruling:
     """The ladder during an episode."""
     if s.action_age <= timeouts.action_timeout:
-        return Verdict(Authority.ACTOR)
+        return Ruling(Authority.ACTOR)
     if s.action_age <= timeouts.action_timeout + timeouts.neutral_time:
-        return Verdict(Authority.NEUTRAL, f"no action for {timeouts.action_timeout:g} s")
-    return Verdict(Authority.HOLD, "the learner is silent")
+        return Ruling(Authority.NEUTRAL, f"no action for {timeouts.action_timeout:g} s")
+    return Ruling(Authority.HOLD, "the learner is silent")

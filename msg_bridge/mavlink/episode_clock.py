@@ -69,7 +69,7 @@ class EpisodeClock:
         cut = not terminated and step >= self._task.episode_steps
         return Observation(self.number, step, state, reward, action, terminated, cut)
 
-    def dropped(self, now: float, state: Array, action: int, reward: float) -> Observation:
+    def landed(self, now: float, state: Array, action: int, reward: float) -> Observation:
         """The load is down: the end, with what the task gives for it."""
         self.step, self.state, self.time = self.step + 1, state, now
         return Observation(self.number, self.step, state, reward, action, True, False)

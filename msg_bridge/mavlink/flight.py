@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink import setpoints
-from msg_bridge.mavlink.arbiter import Authority, Situation, Timeouts, Verdict, arbitrate
+from msg_bridge.mavlink.arbiter import Authority, Ruling, Situation, Timeouts, arbitrate
 from msg_bridge.mavlink.convert import Track
 from msg_bridge.mavlink.envelope import Limits, Motion, violation
 from msg_bridge.mavlink.estimator import StateEstimator
@@ -32,7 +32,7 @@ from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
 
 
-class Change(NamedTuple):
+class AuthorityChange(NamedTuple):
     """Who commands from now on, in which phase; the key is that of the newest state."""
 
     episode: int
@@ -57,7 +57,7 @@ class Outputs(NamedTuple):
 
     show: Callable[[Observation], None]
     say: Say
-    change: Callable[[Change], None] = lambda change: None
+    change: Callable[[AuthorityChange], None] = lambda change: None
 
 
 class Flight:
@@ -97,7 +97,7 @@ class Flight:
         self._payload = Payload(task, link, profile, settings, self._estimator)
         self._guidance = Guidance(task, profile, settings, limits, self._estimator)
         self._lock = threading.RLock()
-        self._verdict = Verdict(Authority.NOBODY, "not begun")
+        self._ruling = Ruling(Authority.NOBODY, "not begun")
         self._motion = Motion()
         self._pilot = SafetyPilot()
         self._violations = 0
@@ -127,9 +127,9 @@ class Flight:
         return self._machine.in_flight
 
     @property
-    def verdict(self) -> Verdict:
+    def ruling(self) -> Ruling:
         """Who commands, and why."""
-        return self._verdict
+        return self._ruling
 
     @property
     def motion(self) -> Motion:
@@ -170,8 +170,8 @@ class Flight:
             mode = self.profile.mode_name(t.mode)
             return {
                 "phase": machine.phase.name.lower(),
-                "authority": self._verdict.authority.name.lower(),
-                "reason": self._verdict.reason,
+                "authority": self._ruling.authority.name.lower(),
+                "reason": self._ruling.reason,
                 "autopilot": f"{self.profile.name}, {mode}, {'armed' if t.armed else 'disarmed'}",
                 "load": "reported by its own system" if self._estimator.feed else "estimated",
                 "round trip [s]": round(t.round_trip, 4),
@@ -241,7 +241,7 @@ class Flight:
         self._do(self._machine.step(self._inputs(now)), now)
         self._tell_change(now)
         wanted = self._guidance.setpoint(
-            self._verdict.authority, self._machine.phase, self._motion, wanted=self._wanted(),
+            self._ruling.authority, self._machine.phase, self._motion, wanted=self._wanted(),
             target=self._machine.target, stick=self._pilot.stick or 0.0, dt=max(dt, 1e-3),
         )  # fmt: skip
         if wanted is not None:
@@ -249,22 +249,22 @@ class Flight:
 
     def _judge(self, now: float) -> None:
         """Let it be decided who commands, and say so when that has changed."""
-        before, self._verdict = self._verdict, self._arbitrate(now)
-        if self._verdict != before:
-            self._violations += self._verdict.reason.startswith("envelope")
+        before, self._ruling = self._ruling, self._arbitrate(now)
+        if self._ruling != before:
+            self._violations += self._ruling.reason.startswith("envelope")
             # Of who has not begun to answer there is no news: it is asked every second.
             episode = self._machine.episode
             if episode is None or episode.answered >= 0:
-                self._reporter.verdict(before, self._verdict)
+                self._reporter.ruling(before, self._ruling)
 
-    def _arbitrate(self, now: float) -> Verdict:
+    def _arbitrate(self, now: float) -> Ruling:
         machine = self._machine
         if not machine.in_flight:
-            return Verdict(Authority.NOBODY, "not flying")
+            return Ruling(Authority.NOBODY, "not flying")
         if machine.phase is Phase.LANDING:
-            return Verdict(Authority.LAND, machine.landing_reason)
+            return Ruling(Authority.LAND, machine.landing_reason)
         if machine.phase is Phase.ARMING:
-            return Verdict(Authority.BRIDGE)
+            return Ruling(Authority.BRIDGE)
         return arbitrate(self._situation(now), self.timeouts)
 
     def _situation(self, now: float) -> Situation:
@@ -293,7 +293,7 @@ class Flight:
     def _inputs(self, now: float) -> Inputs:
         t, profile = self.link.telemetry, self.profile
         return Inputs(
-            now, self._verdict.authority, self._verdict.reason, self._motion, t.armed,
+            now, self._ruling.authority, self._ruling.reason, self._motion, t.armed,
             controlled=t.mode == profile.controlled, landing=t.mode == profile.landing,
             payload=self._payload.report(self._machine.phase, now),
         )  # fmt: skip
@@ -308,7 +308,7 @@ class Flight:
                 self._reporter.begin(now)
                 self._guidance.begin()
                 if decision.phase is Phase.LANDING:
-                    self._verdict = Verdict(Authority.LAND, self._machine.landing_reason)
+                    self._ruling = Ruling(Authority.LAND, self._machine.landing_reason)
             elif isinstance(decision, Show):
                 self._outputs.show(decision.observation)
             elif decision.level == "delay":
@@ -318,10 +318,10 @@ class Flight:
 
     def _tell_change(self, now: float) -> None:
         """Tell who commands in which phase, when that has changed."""
-        news = (self._machine.phase, self._verdict.authority)
+        news = (self._machine.phase, self._ruling.authority)
         if news != self._told:
             self._told = news
-            self._outputs.change(Change(self._machine.number, self.step, now, *news))
+            self._outputs.change(AuthorityChange(self._machine.number, self.step, now, *news))
 
     def _wanted(self) -> float:
         """Acceleration of the action in force [m/s²]."""

@@ -26,10 +26,10 @@ from msg_bridge.mavlink.arbiter import Authority, Timeouts
 from msg_bridge.mavlink.clock import VehicleClock
 from msg_bridge.mavlink.codec import read_key
 from msg_bridge.mavlink.envelope import Limits
-from msg_bridge.mavlink.flight import Change, Flight, Outputs
+from msg_bridge.mavlink.flight import AuthorityChange, Flight, Outputs
 from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.link import AutopilotLink
-from msg_bridge.mavlink.preflight import Item, Preflight
+from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import Telemetry
@@ -44,7 +44,7 @@ _PARTING = 1.0  # for the last words to an autopilot in flight [s]
 
 
 @dataclass(frozen=True)
-class NodeSettings(Settings):
+class BridgeSettings(Settings):
     """What the node adds to the flight."""
 
     task: str = setting("slung_load", "the task that is flown", choices=("slung_load",))
@@ -59,7 +59,7 @@ class Bridge(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("bridge")
-        self.settings = parameters.declare(self, NodeSettings)
+        self.settings = parameters.declare(self, BridgeSettings)
         classes = (LinkSettings, FlightSettings, Limits, Timeouts, SafetyPilotSettings, SlungLoad)
         for cls in classes:
             names = tuple(field.name for field in fields(cls) if field.name in CHANGEABLE)
@@ -197,7 +197,7 @@ class Bridge(LifecycleNode):
         else:
             self.get_logger().info(text)
 
-    def _found(self, item: Item) -> None:
+    def _found(self, item: ChecklistItem) -> None:
         self.get_logger().info(f"preflight: {item.name}: {item.found}")
         self._check(item.name, item.found)
 
@@ -216,7 +216,7 @@ class Bridge(LifecycleNode):
         person = read_joystick(self._joystick, self._joy.buttons, self._joy.axes, fresh=fresh)
         flight.supervise(deadman=person.deadman, stick=person.stick)
 
-    def _changed(self, change: Change) -> None:
+    def _changed(self, change: AuthorityChange) -> None:
         key = (change.episode, change.step, *wire.split(round(change.time * 1e9)))
         row = self._authority_rows.message(*key, change.phase, change.authority)
         runtime.publish(self._authority_out, row)
@@ -227,7 +227,7 @@ class Bridge(LifecycleNode):
         statuses = [self._preflight_status()]
         flight = self._flight
         if flight is not None:
-            found, authority = flight.status(), flight.verdict.authority
+            found, authority = flight.status(), flight.ruling.authority
             worried = authority in (Authority.HOLD, Authority.LAND, Authority.OTHER)
             words = f"{found['authority']}: {found['reason'] or found['phase']}"
             statuses.append(_status("bridge", worried, words, flight.profile.name, found))

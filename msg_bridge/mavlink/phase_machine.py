@@ -216,7 +216,7 @@ class PhaseMachine:
 
     def _releasing(self, i: Inputs) -> None:
         if i.payload.reward is not None and self.episode is not None:
-            end = self.episode.dropped(i.now, self._released, RELEASE, i.payload.reward)
+            end = self.episode.landed(i.now, self._released, RELEASE, i.payload.reward)
             self._show(end, i.now)
             self._ended(i.now)
         elif i.payload.failure:

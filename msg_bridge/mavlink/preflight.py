@@ -17,7 +17,7 @@ from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.clock import Clock
 from msg_bridge.mavlink.link import AutopilotLink
-from msg_bridge.mavlink.profiles import AutopilotProfile, Change
+from msg_bridge.mavlink.profiles import AutopilotProfile, ParameterChange
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import parameter_value
 
@@ -29,7 +29,7 @@ _TRIES = 3
 _WRONG = 0.25  # relative error of its speed that is no chance
 
 
-class Item(NamedTuple):
+class ChecklistItem(NamedTuple):
     """One line of the checklist."""
 
     name: str
@@ -60,7 +60,7 @@ class Preflight:
         flight: FlightSettings,
         clock: Clock,
         kept: Path,
-        tell: Callable[[Item], None],
+        tell: Callable[[ChecklistItem], None],
         going_on: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link, self._settings, self._flight = link, settings, flight
@@ -81,7 +81,7 @@ class Preflight:
             "position estimate: the autopilot does not know where it is",
             self._link.ask_rates,
         )
-        self._tell(Item("position estimate", "good"))
+        self._tell(ChecklistItem("position estimate", "good"))
         self._check_clock()
         self._check_load()
         return profile
@@ -111,11 +111,11 @@ class Preflight:
                 f"{s.url} is {profile.name}, not {s.autopilot}; allowed: --autopilot "
                 f"{profile.name}, or another url"
             )
-        self._tell(Item("autopilot", f"{profile.name}, system {t.system}, at {s.url}"))
+        self._tell(ChecklistItem("autopilot", f"{profile.name}, system {t.system}, at {s.url}"))
         if profile.flies_not:
             raise InputError(f"{profile.name} cannot be flown over MAVLink: {profile.flies_not}")
         signed = "all packets" if s.signing_key else "no: whoever reaches the port is obeyed"
-        self._tell(Item("signed", signed))
+        self._tell(ChecklistItem("signed", signed))
         return profile
 
     def _wait(self, ready: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
@@ -168,9 +168,9 @@ class Preflight:
             self._set(profile, change.name, change.value)
             self._tell(self._changed(change, before[change.name]))
 
-    def _changed(self, change: Change, before: float) -> Item:
+    def _changed(self, change: ParameterChange, before: float) -> ChecklistItem:
         was = "" if _same(before, change.value) else f", was {before:g}"
-        return Item(change.name, f"{change.value:g}{was}: {change.why}")
+        return ChecklistItem(change.name, f"{change.value:g}{was}: {change.why}")
 
     def _remembered(self) -> dict[str, float]:
         try:
@@ -221,7 +221,7 @@ class Preflight:
         for _ in range(_TRIES):
             pace = self._pace()
             if abs(pace / factor - 1.0) < _WRONG:
-                self._tell(Item("clock", f"{pace:.2f} times ours"))
+                self._tell(ChecklistItem("clock", f"{pace:.2f} times ours"))
                 return
         raise InputError(
             f"the autopilot's clock goes {pace:.2f} times as fast as ours, but "
@@ -238,7 +238,9 @@ class Preflight:
     def _check_load(self) -> None:
         """Whether the load reports its position, if it is to."""
         if self._flight.load_source == "estimate":
-            self._tell(Item("load", "estimated from the vehicle's acceleration, seen by nobody"))
+            self._tell(
+                ChecklistItem("load", "estimated from the vehicle's acceleration, seen by nobody")
+            )
             return
         t = self._link.telemetry
         self._wait(
@@ -246,7 +248,7 @@ class Preflight:
             f"position of the load (system {t.load_system}); load_source: estimate flies without",
             lambda: None,
         )
-        self._tell(Item("load", f"reported by system {t.load_system}"))
+        self._tell(ChecklistItem("load", f"reported by system {t.load_system}"))
 
 
 def _same(a: float, b: float) -> bool:

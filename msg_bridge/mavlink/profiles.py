@@ -15,7 +15,7 @@ from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import convert
 
 
-class Change(NamedTuple):
+class ParameterChange(NamedTuple):
     """A parameter of the autopilot that has to have a value while the bridge flies."""
 
     name: str
@@ -45,7 +45,7 @@ class AutopilotProfile:
         Type mask of an acceleration setpoint that holds the height.
     integer_bytes : bool
         Integers travel as their bytes in the float of PARAM_VALUE, not as numbers.
-    changes : tuple of Change
+    changes : tuple of ParameterChange
         Made at configure, taken back after.
     release : str
         How it lets the load go, unless told otherwise.
@@ -62,7 +62,7 @@ class AutopilotProfile:
     stream_first: bool = False
     acceleration: int = int(convert.ACCELERATION)
     integer_bytes: bool = False
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ParameterChange, ...] = ()
     release: str = "gripper"
     flies_not: str = ""
 
@@ -90,8 +90,12 @@ ARDUPILOT = AutopilotProfile(
     controlled=4,
     landing=9,
     changes=(
-        Change("GUID_TIMEOUT", 0.5, "the last acceleration is held for so long when all is lost"),
-        Change("PSC_JERK_XY", 20.0, "with less, quick changes of the acceleration run away"),
+        ParameterChange(
+            "GUID_TIMEOUT", 0.5, "the last acceleration is held for so long when all is lost"
+        ),
+        ParameterChange(
+            "PSC_JERK_XY", 20.0, "with less, quick changes of the acceleration run away"
+        ),
     ),
 )  # fmt: skip
 
@@ -111,8 +115,8 @@ PX4 = AutopilotProfile(
     acceleration=int(convert.ACCELERATION_HEIGHT),
     integer_bytes=True,
     changes=(
-        Change("COM_OF_LOSS_T", 0.5, "how long it flies on when setpoints stop"),
-        Change("COM_OBL_RC_ACT", 5, "then it holds its position instead of returning"),
+        ParameterChange("COM_OF_LOSS_T", 0.5, "how long it flies on when setpoints stop"),
+        ParameterChange("COM_OBL_RC_ACT", 5, "then it holds its position instead of returning"),
     ),
 )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from msg_bridge.mavlink.arbiter import Authority, Verdict
+from msg_bridge.mavlink.arbiter import Authority, Ruling
 from msg_bridge.mavlink.telemetry import Telemetry
 
 Say = Callable[[str, str], None]
@@ -39,14 +39,14 @@ class StatusReporter:
                 self.say("warning" if severity <= _WARNING else "info", f"autopilot: {text}")
         self._heard = now
 
-    def verdict(self, before: Verdict, verdict: Verdict) -> None:
+    def ruling(self, before: Ruling, ruling: Ruling) -> None:
         """Tell that somebody else commands, and why."""
-        name = verdict.authority.name.lower()
-        if verdict.authority in _CALM:
+        name = ruling.authority.name.lower()
+        if ruling.authority in _CALM:
             if before.authority not in (*_CALM, Authority.NEUTRAL):
                 self.say("info", f"{name} commands again")
-        elif verdict.authority is not Authority.NEUTRAL:
-            self.say("warning", f"{name}: {verdict.reason}")
+        elif ruling.authority is not Authority.NEUTRAL:
+            self.say("warning", f"{name}: {ruling.reason}")
 
     def delay(self, now: float, what: str) -> None:
         """Tell now and then what does not come about, and what the autopilot says to it."""

@@ -205,16 +205,16 @@ class Autopilot:
         self._channel.loss = float(self.parameters["SIM_LOSS"])
 
     def _tell(self, link: Connection) -> None:
+        now = self.now
         for name, rate in link.rates.items():
-            if rate <= 0.0:
+            due = link.due.get(name, now)
+            if rate <= 0.0 or now < due - 1e-9:
                 continue
-            due = link.due.get(name, self.now)
-            if self.now >= due - 1e-9:
-                # From when it was due, so that the rate holds; not to catch up after a change.
-                link.due[name] = max(due + 1.0 / rate, self.now)
-                message = telemetry.BUILDERS[name](self)
-                if message is not None:
-                    link.send(message, self.system, 1, self.now)
+            # From when it was due, so that the rate holds; not to catch up after a change.
+            link.due[name] = max(due + 1.0 / rate, now)
+            message = telemetry.BUILDERS[name](self)
+            if message is not None:
+                link.send(message, self.system, 1, now)
 
     def _tell_of_load(self) -> None:
         rate = float(self.parameters["SIM_LOAD_RATE"])

@@ -1,4 +1,7 @@
-"""Who steers: modes, arming and failsafes that the imitated autopilots have in common."""
+"""Modes, arming and failsafes that the imitated autopilots have in common.
+
+PX4 calls this module of its own by the same name.
+"""
 
 from __future__ import annotations
 
