@@ -91,7 +91,7 @@ class Autopilot:
         self._inbox = Inbox(self)
         self._load_due = 0.0
         for link in self.links:
-            link.rates, link.due = dict(self.firmware.rates), {}
+            link.set_rates(self.firmware.rates)
 
     # ------------------------------------------------------------ its clock
 
@@ -205,16 +205,10 @@ class Autopilot:
         self._channel.loss = float(self.parameters["SIM_LOSS"])
 
     def _tell(self, link: Connection) -> None:
-        now = self.now
-        for name, rate in link.rates.items():
-            due = link.due.get(name, now)
-            if rate <= 0.0 or now < due - 1e-9:
-                continue
-            # From when it was due, so that the rate holds; not to catch up after a change.
-            link.due[name] = max(due + 1.0 / rate, now)
+        for name in link.due(self.now):
             message = telemetry.BUILDERS[name](self)
             if message is not None:
-                link.send(message, self.system, 1, now)
+                link.send(message, self.system, 1, self.now)
 
     def _tell_of_load(self) -> None:
         rate = float(self.parameters["SIM_LOAD_RATE"])

@@ -94,7 +94,9 @@ class Commander:
     @property
     def failsafe(self) -> Mode | None:
         """The gravest of the failsafes, None where there is none."""
-        return max(self.failsafes.values(), key=_GRAVITY.index, default=None)
+        if not self.failsafes:
+            return None
+        return max(self.failsafes.values(), key=_GRAVITY.index)
 
     @property
     def mode(self) -> Mode:

@@ -186,8 +186,8 @@ class Inbox:
             return Result.ACCEPTED
         standard = self._a.firmware.rates.get(name, 0.0)
         interval = min(m.param2, 2e9)
-        link.rates[name] = 1e6 / interval if interval > 0 else 0.0 if interval < 0 else standard
-        link.due.pop(name, None)
+        rate = 1e6 / interval if interval > 0 else 0.0 if interval < 0 else standard
+        link.set_rate(name, rate)
         return Result.ACCEPTED
 
     def _get_interval(self, m: Any, link: Connection, _: Any) -> Result:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,7 @@ class Connection:
 
     def __init__(self, channel: Channel, number: int, rates: dict[str, float]) -> None:
         self._channel = channel
-        self.rates = dict(rates)
-        self.due: dict[str, float] = {}
+        self.set_rates(rates)
         self._queue: list[tuple[float, int, bool, bytes]] = []
         self._count = 0
         self._parser = mavlink.MAVLink(None)
@@ -62,6 +62,36 @@ class Connection:
         signing.sign_outgoing, signing.link_id = key is not None, self._number
 
     # ------------------------------------------------------------ out
+
+    def set_rates(self, rates: Mapping[str, float]) -> None:
+        """Send these messages without being asked from now on [Hz], and nothing else."""
+        self.rates = dict(rates)
+        self._due: dict[str, float] = {}
+        self._next = -math.inf
+
+    def set_rate(self, name: str, rate: float) -> None:
+        """Send a message at a rate from now on [Hz]; 0 for no more."""
+        self.rates[name] = rate
+        self._due.pop(name, None)
+        self._next = -math.inf
+
+    def due(self, now: float) -> list[str]:
+        """Messages whose time has come."""
+        if now < self._next - 1e-9:
+            return []
+        found = []
+        self._next = math.inf
+        for name, rate in self.rates.items():
+            if rate <= 0.0:
+                continue
+            due = self._due.get(name, now)
+            if now >= due - 1e-9:
+                found.append(name)
+                # From when it was due, so that the rate holds; not to catch up after a change.
+                due = max(due + 1.0 / rate, now)
+                self._due[name] = due
+            self._next = min(self._next, due)
+        return found
 
     def send(self, message: Any, system: int, component: int, now: float) -> None:
         """Pack a message of one of our systems and send it."""
