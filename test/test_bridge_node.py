@@ -13,7 +13,8 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from iolspi_ros import qos, runtime, wire
-from iolspi_ros.bench.flying import FACTOR, parameters
+from iolspi_ros.bench.flying import parameters
+from iolspi_ros.bench.worlds import FACTOR
 from iolspi_ros.core.online import Source
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.arbiter import Authority

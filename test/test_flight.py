@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bags import read_demonstration
-from iolspi_ros.bench.flying import FACTOR, PATIENT, Flying, RealTime
+from iolspi_ros.bench.flying import PATIENT, Flying
+from iolspi_ros.bench.worlds import FACTOR, RealTime
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.phases import Phase

@@ -11,8 +11,9 @@ import numpy as np
 
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.bench import latency
-from iolspi_ros.bench.flying import PATIENT, Act, Dying, Flying, RealTime, lost
+from iolspi_ros.bench.flying import PATIENT, Act, Dying, Flying, lost
 from iolspi_ros.bench.rows import Row, at_least, at_most
+from iolspi_ros.bench.worlds import RealTime
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.phases import Phase

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
-from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink import setpoints
 from msg_bridge.mavlink.arbiter import Authority, Ruling, Situation, Timeouts, arbitrate
 from msg_bridge.mavlink.convert import Track
@@ -26,38 +25,10 @@ from msg_bridge.mavlink.phases import Command, Decision, Enter, Phase, Show
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.setpoints import AccelerationSetpoint, PositionSetpoint, Setpoint
 from msg_bridge.mavlink.settings import FlightSettings
-from msg_bridge.mavlink.status import Say, StatusReporter
+from msg_bridge.mavlink.status import AuthorityChange, Outputs, StatusReporter
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
-
-
-class AuthorityChange(NamedTuple):
-    """Who commands from now on, in which phase; the key is that of the newest state."""
-
-    episode: int
-    step: int
-    time: float
-    phase: Phase
-    authority: Authority
-
-
-class Outputs(NamedTuple):
-    """Who is told what; each is called while the flight is locked, and returns soon.
-
-    Attributes
-    ----------
-    show : callable
-        Takes each observation of the task.
-    say : callable
-        Takes words for people.
-    change : callable
-        Takes each change of who commands or of the phase.
-    """
-
-    show: Callable[[Observation], None]
-    say: Say
-    change: Callable[[AuthorityChange], None] = lambda change: None
 
 
 class Flight:

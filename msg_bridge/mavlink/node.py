@@ -26,12 +26,13 @@ from msg_bridge.mavlink.arbiter import Authority, Timeouts
 from msg_bridge.mavlink.clock import VehicleClock
 from msg_bridge.mavlink.codec import read_key
 from msg_bridge.mavlink.envelope import Limits
-from msg_bridge.mavlink.flight import AuthorityChange, Flight, Outputs
+from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad

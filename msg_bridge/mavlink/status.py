@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
+from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink.arbiter import Authority, Ruling
+from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.telemetry import Telemetry
 
 Say = Callable[[str, str], None]
@@ -13,6 +16,34 @@ Say = Callable[[str, str], None]
 _PERIOD = 20.0  # between two words about what does not come about [s]
 _WARNING = 4  # MAV_SEVERITY; less is worse
 _CALM = (Authority.BRIDGE, Authority.ACTOR, Authority.NOBODY)
+
+
+class AuthorityChange(NamedTuple):
+    """Who commands from now on, in which phase; the key is that of the newest state."""
+
+    episode: int
+    step: int
+    time: float
+    phase: Phase
+    authority: Authority
+
+
+class Outputs(NamedTuple):
+    """Who is told what; each is called while the flight is locked, and returns soon.
+
+    Attributes
+    ----------
+    show : callable
+        Takes each observation of the task.
+    say : callable
+        Takes words for people.
+    change : callable
+        Takes each change of who commands or of the phase.
+    """
+
+    show: Callable[[Observation], None]
+    say: Say
+    change: Callable[[AuthorityChange], None] = lambda change: None
 
 
 class StatusReporter:
