@@ -142,6 +142,20 @@ def test_a_violation_is_named(motion, word):
     assert word in violation(LIMITS, motion)
 
 
+@pytest.mark.parametrize(
+    ("name", "edge", "outwards"),
+    [
+        ("x", 3.3, 1.0), ("x", -6.8, -1.0), ("across", 2.0, 1.0), ("across", -2.0, -1.0),
+        ("height", 2.0, -1.0), ("height", 9.0, 1.0), ("speed", 6.9, 1.0), ("speed", -6.9, -1.0),
+        ("tilt", 0.8, 1.0), ("swing", 1.45, 1.0), ("swing", -1.45, -1.0),
+    ],
+)  # fmt: skip
+def test_where_the_envelope_ends(name, edge, outwards):
+    inside = Motion(height=5.0)
+    assert not violation(LIMITS, inside._replace(**{name: edge - 0.01 * outwards}))
+    assert violation(LIMITS, inside._replace(**{name: edge + 0.01 * outwards}))
+
+
 def test_a_box_has_its_least_end_first():
     with pytest.raises(InputError, match="the least first"):
         Limits(box=(3.0, -3.0))

@@ -165,7 +165,7 @@ class Flight:
         """Take off, as soon as the vehicle lets us."""
         with self._lock:
             self._last = now
-            self._reporter.relay(now)
+            self._reporter.relay()
             self._do(self._machine.begin(now), now)
 
     def land(self, now: float, why: str) -> None:
@@ -199,7 +199,7 @@ class Flight:
         """Take what has come, decide, move on, and send a setpoint."""
         with self._lock:
             self.link.poll(now)
-            self._reporter.relay(now)
+            self._reporter.relay()
             self._fly(now)
 
     def _fly(self, now: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -57,18 +58,21 @@ class StatusReporter:
 
     def __init__(self, telemetry: Telemetry, say: Say) -> None:
         self._telemetry, self.say = telemetry, say
-        self._heard = self._since = 0.0
+        self._since = 0.0
+        self._relayed: tuple[float, int, str] | None = None
 
     def begin(self, now: float) -> None:
         """Something begins: have patience with it."""
         self._since = now
 
-    def relay(self, now: float) -> None:
+    def relay(self) -> None:
         """Tell what the autopilot has said since the last time."""
-        for when, severity, text in list(self._telemetry.texts):
-            if when > self._heard:
-                self.say("warning" if severity <= _WARNING else "info", f"autopilot: {text}")
-        self._heard = now
+        fresh = itertools.takewhile(
+            lambda heard: heard is not self._relayed, reversed(self._telemetry.texts)
+        )
+        for heard in reversed(list(fresh)):
+            self._relayed, (_, severity, text) = heard, heard
+            self.say("warning" if severity <= _WARNING else "info", f"autopilot: {text}")
 
     def ruling(self, before: Ruling, ruling: Ruling) -> None:
         """Tell that somebody else commands, and why."""
