@@ -246,6 +246,20 @@ def test_who_holds_the_vehicle_is_not_taken_for_nobody():
     assert m.unanswered <= 1.0
 
 
+def test_who_is_waited_for_with_a_load_is_not_taken_for_nobody():
+    m = flying()
+    m.answer(m.number, 0, RELEASE)
+    m.release(10.65, UP)
+    gone = PayloadReport(gone=True)
+    m.step(BRIDGE._replace(now=10.7, payload=gone._replace(failure="no answer")))
+    assert entered(m.step(BRIDGE._replace(now=11.0, payload=gone))) == [Phase.RELOAD]
+    for k in range(100):
+        m.pass_time(1.0, 1)
+        m.step(BRIDGE._replace(now=12.0 + k, payload=gone))
+    assert m.unanswered <= 1.0
+    assert entered(m.step(BRIDGE._replace(now=200.0, payload=gone._replace(reloaded=True))))
+
+
 def test_on_the_ground_by_somebody_elses_hand_a_person_decides():
     m = flying()
     decisions = acting(m, 10.7, authority=Authority.OTHER, armed=False)

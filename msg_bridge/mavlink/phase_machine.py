@@ -149,8 +149,8 @@ class PhaseMachine:
             self.episode.hold(applied, dt)
             if self.episode.answered < 0:
                 self.unanswered += dt
-        elif self._probe > 0.0 and self._ours:
-            self.unanswered += dt
+        elif self._probe > 0.0 and self._ours and self.phase in (Phase.BRAKE, Phase.TRANSIT):
+            self.unanswered += dt  # on the way to ask again
 
     def step(self, inputs: Inputs) -> list[Decision]:
         """Move on to the next phase when it is time."""
