@@ -274,6 +274,24 @@ def test_nobody_has_ever_answered(tmp_path):
         assert f.flight.abandoned == f.flight.flown == 0
 
 
+def test_a_fault_of_our_own_does_not_end_the_flight(tmp_path, monkeypatch):
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        tick, faults = f.flight.tick, []
+
+        def faulty(now):
+            if len(faults) < 5:
+                faults.append(now)
+                raise RuntimeError("not thought of")
+            tick(now)
+
+        monkeypatch.setattr(f.flight, "tick", faulty)
+        f.episodes(1)
+        assert len(faults) == 5
+        (said,) = [text for _, _, text in f.said if "a fault in the bridge" in text]  # once
+        assert "not thought of" in said
+
+
 KEY, WRONG = bytes(range(32)), bytes(32)
 
 
