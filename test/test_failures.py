@@ -1,6 +1,7 @@
 """The failure table of docs/sitl.md: what the vehicle does, what a person sees, how it goes on."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from iolspi_ros.bench.flying import Dying, Flying, lost, pilot, pushes
 from msg_bridge.mavlink.arbiter import Authority
 from msg_bridge.mavlink.codec import Codec
 from msg_bridge.mavlink.phases import Phase
-from sim_nodes.tasks.slung_load import DUNK
+from sim_nodes.tasks.slung_load import DUNK, RELEASE
 
 LIKES = ["px4", "ardupilot"]
 
@@ -207,9 +208,10 @@ def test_gripper_refused(tmp_path, like, how):
         f.episodes(1)
 
 
-def test_load_feed_lost(tmp_path):
+@pytest.mark.parametrize("where", ["in_air", "in_episode"])
+def test_load_feed_lost(tmp_path, where):
     with Flying(tmp_path, "px4") as f:
-        f.in_episode()
+        getattr(f, where)()
         f.change("SIM_LOAD_RATE", 0.0)
         f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         f.wait(3.0)
@@ -272,6 +274,65 @@ def test_nobody_has_ever_answered(tmp_path):
         assert len(asked) > 20
         assert np.ptp([seen.state[0] for seen in asked]) < 0.3
         assert f.flight.abandoned == f.flight.flown == 0
+        f.act = pilot(f.task)
+        f.flight.begin(f.clock.now())
+        f.episodes(1)
+
+
+def test_who_lets_the_deadmans_button_go_holds_it(tmp_path):
+    """But for the climb: nobody is left halfway up."""
+    with Flying(tmp_path, "ardupilot") as f:
+        f.flight.supervise(deadman=False)
+        f.in_air()
+        f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
+        assert f.body()[0][2] > 4.5
+        assert f.heard("the deadman's button was let go")
+        f.flight.supervise(deadman=True)
+        f.in_episode()
+        f.flight.supervise(deadman=False)
+        f.until(lambda: f.speed < 0.15)
+        assert f.flight.abandoned == 1
+        f.flight.supervise(deadman=True)
+        f.episodes(1)
+
+
+def test_a_person_takes_over_and_gives_back(tmp_path):
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        f.flight.supervise(stick=-1.0)
+        f.until(lambda: f.body()[1][0] < -1.5)
+        assert f.flight.ruling.authority is Authority.PILOT
+        f.flight.supervise(stick=0.0)
+        f.until(lambda: f.speed < 0.15)
+        f.flight.supervise(stick=None)
+        f.episodes(1)
+        assert f.heard("pilot: a person has taken over")
+
+
+def test_a_release_is_not_taken_from_who_does_not_command(tmp_path):
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        _, seen = f.seen[-1]
+        f.act = lambda seen: None
+        f.until(lambda: f.seen[-1][1].step > seen.step)
+        _, seen = f.seen[-1]
+        f.flight.supervise(paused=True)
+        f.flight.act(seen.episode, seen.step, RELEASE, f.clock.now())
+        f.wait(1.0)
+        assert f.autopilot.body.attached
+        assert f.flight.ruling.authority is Authority.HOLD
+
+
+def test_beyond_the_envelope_it_brakes_and_holds(tmp_path):
+    with Flying(tmp_path, "px4") as f:
+        f.in_episode()
+        f.flight.limits = replace(f.limits, heights=(0.5, 2.0))
+        f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
+        assert f.heard("hold: envelope: height is")
+        assert (f.flight.violations, f.flight.abandoned) == (1, 1)
+        f.flight.limits = f.limits
+        f.episodes(1)
+        assert f.flight.violations == 1
 
 
 def test_a_fault_of_our_own_does_not_end_the_flight(tmp_path, monkeypatch):

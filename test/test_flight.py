@@ -30,6 +30,8 @@ def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
                 assert after.step > before.step
                 assert after.reward == pytest.approx(-0.5 * abs(before.state[0]))
         assert not f.preflight.restore(f.profile)
+        if like == "ardupilot":
+            assert f.heard("autopilot: Gripper load released")
     for name, value in {
         "px4": {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0},
         "ardupilot": {"GUID_TIMEOUT": 3.0, "PSC_JERK_XY": 5.0},

@@ -157,6 +157,7 @@ def test_states_are_shown_at_their_times_and_the_last_one_ends_it():
     assert (last.step, last.terminated) == (2, True)
     assert entered(decisions) == [Phase.BRAKE]
     assert (m.flown, m.abandoned) == (1, 0)
+    assert not entered(m.step(BRIDGE._replace(now=10.95)))  # it may only seem to stand
     assert not entered(m.step(BRIDGE._replace(now=11.2, motion=Motion(speed=0.4))))
     decisions = m.step(BRIDGE._replace(now=11.3))
     assert told(decisions) == ["land: 1 episodes flown"]
@@ -267,6 +268,16 @@ def test_on_the_ground_by_somebody_elses_hand_a_person_decides():
     assert "activate the bridge again" in told(decisions, "warning")[0]
     assert not m.in_flight
     assert m.land(11.0, "late") == []
+
+
+def test_begun_again_nobody_has_been_waited_for():
+    m = flying()
+    m.pass_time(61.0, 1)
+    assert m.unanswered == 61.0
+    acting(m, 80.0, authority=Authority.LAND, reason="nobody")
+    m.step(BRIDGE._replace(now=90.0, authority=Authority.LAND, armed=False))
+    assert m.begin(100.0) == [Enter(Phase.ARMING)]
+    assert m.unanswered == 0.0
 
 
 def test_landing_is_asked_for_until_it_is_down():
