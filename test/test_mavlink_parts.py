@@ -57,6 +57,21 @@ def test_a_feed_finds_a_swing_that_nobody_knew_of():
         observer.move(0.0, 0.02)
 
 
+def test_a_gust_is_found_also_after_a_minute_in_which_nothing_happened():
+    observer = LoadObserver(1.0)
+    for k in range(3000):
+        if k % 5 == 0:
+            observer.measure(0.0)
+        observer.move(0.0, 0.02)
+    times, (angles, _) = swung(lambda t: 0.0, 3.0, (0.5, 0.0))
+    for k, angle in enumerate(angles):
+        if k % 5 == 0:
+            observer.measure(angle)
+        if times[k] > 2.0:
+            assert observer.angle == pytest.approx(angle, abs=0.15)
+        observer.move(0.0, 0.02)
+
+
 def test_angles_are_positive_to_the_right():
     assert swing(np.array([0.0, 0.0, -1.0])) == 0.0
     assert swing(np.array([1.0, 0.3, -1.0])) == pytest.approx(math.pi / 4)
