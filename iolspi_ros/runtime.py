@@ -67,17 +67,19 @@ class Nodes(Protocol):
         ...
 
 
-def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = None) -> int:
+def main(
+    make: Callable[[Sequence[str]], Node | Nodes], name: str, arguments: Sequence[str] | None = None
+) -> int:
     """Run one node, or some in one process, until told to stop.
 
     Parameters
     ----------
     make : callable
-        Makes the node; it has a method `close`.
+        Makes the node from the arguments; it has a method `close`.
     name : str
         For messages.
-    args : list of str, optional
-        Command line with `--ros-args`.
+    arguments : sequence of str, optional
+        Command line with `--ros-args`; that of the process by default.
 
     Returns
     -------
@@ -98,9 +100,10 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     try:
-        rclpy.init(args=without_files(sys.argv if args is None else args))
+        given = sys.argv if arguments is None else arguments
+        rclpy.init(args=without_files(given))
         begun = True
-        made.append(make())
+        made.append(make(given))
         making = False
         spin(made[0])
     except KeyboardInterrupt:

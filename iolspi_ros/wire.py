@@ -222,7 +222,10 @@ def type_name(message: Any) -> str:
 def _deserialise(data: bytes, kind: Any) -> Any:
     from rclpy.serialization import deserialize_message
 
-    return deserialize_message(data, kind)
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError as error:  # rclpy's own errors are such
+        raise InputError(f"{len(data)} bytes are no {kind.__name__}: {error}") from None
 
 
 def whole(value: float) -> int:

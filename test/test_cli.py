@@ -70,7 +70,7 @@ def test_help_and_version():
         (("learn", "--seconds", "0"), "nothing would be learned"),
         (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),
         (("learn", "--out", "/proc/no"), "--out /proc/no cannot be made"),
-        (("demo", "--task", "pendulm"), "task is 'pendulm'; allowed: cart_pole, pendulum"),
+        (("demo", "--task", "pendulm"), "--task is 'pendulm'; allowed: pendulum, slung_load"),
         (("demo", "--set", "6"), "--set is 6; allowed: 1 to 5"),
         (("learn", "--seed", "-1"), "Invalid value for '--seed'"),
         (("record", "--out", "/proc/no"), "bag /proc/no cannot be made"),
