@@ -194,7 +194,7 @@ def test_values_that_such_rewards_cannot_add_up_to_are_refused(algorithm):
     core.moments = type(core.moments).empty(1, 1, settings.delta)
 
     def place(height):
-        where = brentq(lambda x: core.features(np.array([[x]]))[0, 0] - height, 0.0, 1.0)
+        where = brentq(lambda x: core.features(np.array([[x]]))[0, 0] - height, 0.0, 3.0)
         return np.array([where])
 
     top = core.features(np.zeros((1, 1)))[0, 0]
@@ -207,7 +207,8 @@ def test_values_that_such_rewards_cannot_add_up_to_are_refused(algorithm):
     assert (found.accepted, found.healthy) == (False, False)
     np.testing.assert_array_equal(core.weights, before)
     if algorithm == "refreshed":
-        assert found.judgement.refused == len(DELTAS)
+        assert found.judgement.policies == 1  # the one in use
+        assert found.judgement.refused >= len(DELTAS)
 
 
 def test_solves_that_are_not_healthy_are_never_flown():
