@@ -28,7 +28,7 @@ SCORE = (*KEY, "score", "discounted_return", "explored")
 UPDATE = (
     *KEY, "number", "accepted", "weights_norm", "change", "epsilon",
     "condition", "rank", "residual", "samples", "online_steps",
-    "status", "policies", "predicted", "predicted_before", "delta", "refused",
+    "status", "iterations", "stop", "delta", "rungs", "doubted",
 )  # fmt: skip
 DEMONSTRATION = (*KEY, "active", "samples")
 

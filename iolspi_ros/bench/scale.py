@@ -215,7 +215,7 @@ def _trimming() -> list[Row]:
         zeros = np.zeros((3, basis.size))
 
         def learn(basis: RBFGrid = basis, start: Array = zeros) -> Array:
-            found = refresh(core.buffer, 0, basis, core.settings, start, core.starts)
+            found = refresh(core.buffer, 0, basis, core.settings, start)
             return found.weights
 
         seconds.append(fastest(learn, 3))

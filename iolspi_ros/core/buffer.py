@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,28 +91,27 @@ class Buffer:
         born = step - newer  # demonstrations are as old as what is learned from them
         grown = replace(
             self,
-            transitions=Transitions(
-                *(
-                    np.concatenate([getattr(self.transitions, f.name), getattr(batch, f.name)])
-                    for f in fields(Transitions)
-                )
-            ),
+            transitions=self.transitions + batch,
             born=np.concatenate([self.born, born]),
             demonstrated=np.concatenate([self.demonstrated, np.full(len(batch), demonstrated)]),
         )
         return grown._rows(grown._staying())
 
-    def weight(self, step: int, forget_factor: float) -> Array:
+    def weight(
+        self, step: int, forget_factor: float, believed: NDArray[np.bool_] | None = None
+    ) -> Array:
         """How much each sample counts: every box of states and action as much as another.
 
         A sample that came k steps ago counts η^k, as in T Eqs. 9-10 to 9-12; all of one box
-        together count what its newest does.
+        together count what its newest does. One that is not believed counts nothing.
 
         Returns
         -------
         ndarray of shape (n_samples,)
         """
         faded = forget_factor ** (step - self.born).astype(np.float64)
+        if believed is not None:
+            faded = np.where(believed, faded, 0.0)
         _, cell = np.unique(self._cell(), return_inverse=True)
         newest = np.zeros(cell.max(initial=-1) + 1)
         np.maximum.at(newest, cell, faded)

@@ -29,7 +29,7 @@ class LearnerSettings(Settings):
 
     algorithm: str = setting(
         "refreshed",
-        "keep samples and judge policies, or T Algorithm 2 to the letter",
+        "keep samples and iterate policies on them, or T Algorithm 2 to the letter",
         choices=ALGORITHMS,
     )
     n_actions: int = setting(3, "number of actions", low=1, high=1000)
@@ -74,7 +74,7 @@ class LearnerSettings(Settings):
         True, "refreshed: demonstrated samples have places of their own in the buffer"
     )
     refresh_iterations: int = setting(
-        6, "refreshed: policies solved for in an update, for each delta tried", low=1
+        10, "refreshed: an update gives a delta up after so many policies", low=1
     )
     refresh_budget: float = setting(
         0.0, "refreshed: an update starts no policy after so long [s]; 0.0 for no limit", low=0.0

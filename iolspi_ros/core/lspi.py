@@ -130,26 +130,6 @@ class BlockSystem:
         trace = float(np.trace(self.gram, axis1=1, axis2=2).sum())
         return float((self.gram * self.gram).sum()) / trace if trace > 0.0 else 1.0
 
-    def regress(self, target: Array, ridge: float) -> Array:
-        """Weights that predict targets from φ(s, a), by ridge regression.
-
-        Parameters
-        ----------
-        target : ndarray of shape (n_samples, n_targets)
-        ridge : float
-
-        Returns
-        -------
-        ndarray of shape (n_actions, n_targets, size)
-        """
-        n_actions, size = self.vector.shape
-        weights = np.zeros((n_actions, target.shape[1], size))
-        for a in range(n_actions):
-            rows = self.action == a
-            moment = (self.weight[rows, None] * self.phi[rows]).T @ target[rows]
-            weights[a] = np.linalg.solve(self.gram[a] + ridge * np.eye(size), moment).T
-        return weights
-
     def moments(self, policy: Actions) -> Moments:
         """Γ, Λ and z of a policy."""
         size = self.vector.shape[1]
@@ -256,12 +236,13 @@ def policy_iteration(
     """
     seen: dict[bytes, int] = {}
     solves: list[Solve] = []
+    last = b""
     changes: list[float] = []
     stop, period = "cap", 0
     for iteration in range(1, max_iterations + 1):
         policy = system.policy(weights)
         key = policy.tobytes()
-        solves.append(system.evaluate(policy))
+        solves.append(solves[-1] if key == last else system.evaluate(policy))
         changes.append(float(np.linalg.norm(solves[-1].weights - weights)))
         weights = solves[-1].weights
         if solves[-1].status == "non-finite":
@@ -274,7 +255,7 @@ def policy_iteration(
             stop = "interrupted"
         if stop != "cap":
             break
-        seen[key] = iteration
+        seen[key], last = iteration, key
     return Iteration(tuple(solves), policy, stop, period, tuple(changes))
 
 

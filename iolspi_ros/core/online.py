@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import Iteration, always, greedy, offline_lspi
 from iolspi_ros.core.moments import Moments, accumulate
-from iolspi_ros.core.refresh import Judgement, refresh
+from iolspi_ros.core.outliers import doubts
+from iolspi_ros.core.refresh import Refresh, refresh
 from iolspi_ros.core.samples import Batch, Transition, Transitions
 from iolspi_ros.core.shield import Shield, allowed, safest
-from iolspi_ros.core.solve import Solve, solve
+from iolspi_ros.core.solve import Solve, plausible, solve
 from iolspi_ros.errors import InputError
 
 Array = NDArray[np.float64]
@@ -56,8 +56,8 @@ class Update:
         Whether they are now in use.
     change : float
         ‖w_l - w_{l+1}‖ that the solve asked for.
-    judgement : Judgement, optional
-        Why, when policies were compared.
+    refresh : Refresh, optional
+        What came of the samples kept, of a refreshed update.
     iteration : Iteration, optional
         The policy iteration that the weights come from, when there was one.
     """
@@ -67,7 +67,7 @@ class Update:
     solve: Solve
     accepted: bool
     change: float
-    judgement: Judgement | None = None
+    refresh: Refresh | None = None
     iteration: Iteration | None = None
 
     def describe(self) -> str:
@@ -75,9 +75,9 @@ class Update:
         parts = [f"update {self.number}" if self.number else "offline LSPI"]
         if self.iteration:
             parts[0] += f": {self.iteration.describe()}"
-        if self.judgement:
-            parts.append(self.judgement.describe())
-        if not (self.iteration or self.judgement):
+        if self.refresh:
+            parts.append(self.refresh.describe())
+        if not (self.iteration or self.refresh):
             kept = "" if self.accepted else ", the weights before stay"
             parts.append(f"solve {self.solve.status}{kept}")
         return "; ".join(parts)
@@ -92,7 +92,7 @@ class Outcome:
     moments: Moments
     buffer: Buffer
     shield: Shield
-    judgement: Judgement | None = None
+    refresh: Refresh | None = None
     iteration: Iteration | None = None
 
 
@@ -198,7 +198,7 @@ class OnlineLSPI:
 
         The literal learner runs offline LSPI from random weights; its weights and its Γ, Λ, z
         become this learner's, unless its last solve is not finite. The refreshed one adds
-        them to its buffer.
+        them to its buffer; its weights stay when policy iteration does not converge.
 
         Parameters
         ----------
@@ -229,12 +229,14 @@ class OnlineLSPI:
         else:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
             found = self._refreshed(rows, start, True, proceed)()
-        accepted = found.solve.status != "non-finite"
+        accepted = found.refresh.converged if found.refresh else found.solve.status != "non-finite"
         change = float(np.linalg.norm(found.solve.weights - self.weights))
-        if accepted:
+        if found.refresh and not accepted:
+            found = replace(found, weights=self.weights)
+        if found.refresh or accepted:
             self._take(found)
             self.n_samples += len(rows)
-        return Update(0, self.step, found.solve, accepted, change, found.judgement, found.iteration)
+        return Update(0, self.step, found.solve, accepted, change, found.refresh, found.iteration)
 
     def _offline(self, rows: Transitions, proceed: Callable[[int, float], bool]) -> Outcome:
         """Offline LSPI on demonstrations (T Algorithm 1)."""
@@ -278,9 +280,8 @@ class OnlineLSPI:
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
             )
             found = solve(grown, s.gamma, s.scaling)
-            if found.healthy and not judge.plausible(
-                next_phi @ found.weights.T, batch.reward, s.gamma
-            ):
+            q = next_phi @ found.weights.T
+            if found.healthy and not plausible(q, batch.reward, s.gamma):
                 found = replace(found, status="diverging")
             chosen = found.weights if found.healthy else weights
             finite = found.status != "non-finite"
@@ -301,7 +302,7 @@ class OnlineLSPI:
         self._take(found)
         self.updates += 1
         return Update(
-            self.updates, self.step, found.solve, accepted, change, found.judgement, found.iteration
+            self.updates, self.step, found.solve, accepted, change, found.refresh, found.iteration
         )
 
     def _refreshed(
@@ -317,18 +318,18 @@ class OnlineLSPI:
         after_an_end = demonstrated or not len(last) or bool(last.terminated | last.truncated)
         begins = np.concatenate([[after_an_end], ends[:-1]])
         self.starts = np.concatenate([self.starts, batch.state[begins]])[-STARTS_KEPT:]
-        starts, step, s = self.starts, self.step, self.settings
+        step, s = self.step, self.settings
         features, moments, kept, shield = self.features, self.moments, self.buffer, self.shield
 
         def compute() -> Outcome:
             buffer = kept.add(batch, step, demonstrated)
-            grown = shield.learn(batch, 1.0 if demonstrated else s.forget_factor)
+            believed = ~doubts(kept.transitions + batch).rows[len(kept) :]
+            grown = shield.learn(batch[believed], 1.0 if demonstrated else s.forget_factor)
             among = grown.among(buffer.transitions.next_state)
-            found = refresh(buffer, step, features, s, weights, starts, proceed, among)
+            found = refresh(buffer, step, features, s, weights, proceed, among)
             return Outcome(
-                found.weights, found.solve, moments, buffer, grown, found.judgement,
-                found.iteration,
-            )  # fmt: skip
+                found.weights, found.solve, moments, buffer, grown, found.record, found.iteration
+            )
 
         return compute
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.core.online import Update
-from iolspi_ros.core.refresh import Judgement
+from iolspi_ros.core.refresh import Refresh
 from iolspi_ros.core.samples import Observation, Transitions
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ class Policy:
         Of the solve.
     status : str
         Of the solve.
-    judgement : Judgement, optional
+    refresh : Refresh, optional
         Why these weights, when policies were compared.
     """
 
@@ -38,13 +38,13 @@ class Policy:
     weights: Array
     condition: float
     status: str
-    judgement: Judgement | None = None
+    refresh: Refresh | None = None
 
     @classmethod
     def of(cls, update: Update, time: float, weights: Array) -> Policy:
         """Weights in use after an update."""
         solve = update.solve
-        return cls(update.number, time, weights, solve.condition, solve.status, update.judgement)
+        return cls(update.number, time, weights, solve.condition, solve.status, update.refresh)
 
 
 @dataclass

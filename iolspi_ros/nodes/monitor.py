@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.bags import BagWriter
-from iolspi_ros.core.refresh import Judgement
+from iolspi_ros.core.refresh import STOPS, Refresh
 from iolspi_ros.core.samples import Array, Observation, Transition, Transitions
 from iolspi_ros.core.solve import STATUSES
 from iolspi_ros.errors import InputError
@@ -201,7 +201,7 @@ class Monitor(Node):
                 weights=self._weights[number],
                 condition=row["condition"],
                 status=STATUSES[int(row["status"])],
-                judgement=_judgement(row),
+                refresh=_refresh(row),
             )
             for number, row in sorted(self._updates.items())
             if number in self._weights
@@ -282,12 +282,12 @@ class Monitor(Node):
         return len(self._updates)
 
 
-def _judgement(row: dict[str, float]) -> Judgement | None:
-    if not row["policies"]:
+def _refresh(row: dict[str, float]) -> Refresh | None:
+    if not row["iterations"]:
         return None
-    return Judgement(
-        int(row["policies"]), row["predicted"], row["predicted_before"], row["delta"],
-        int(row["refused"]),
+    return Refresh(
+        int(row["iterations"]), STOPS[int(row["stop"])], row["delta"], int(row["rungs"]),
+        int(row["doubted"]),
     )  # fmt: skip
 
 

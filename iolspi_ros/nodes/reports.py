@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -12,6 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.online import OnlineLSPI, Source, Update
+from iolspi_ros.core.refresh import STOPS
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.core.solve import STATUSES
 
@@ -60,7 +60,7 @@ class Reports:
 
     def update(self, update: Update) -> None:
         """Publish one policy update."""
-        solve, core, judged = update.solve, self._core, update.judgement
+        solve, core, found = update.solve, self._core, update.refresh
         self._update = update
         self._kept += not update.accepted
         if update.number == 0:
@@ -71,7 +71,11 @@ class Reports:
                 *self._head(), update.number, update.accepted, float(np.linalg.norm(core.weights)),
                 update.change, core.epsilon, solve.condition, solve.rank, solve.residual,
                 core.n_samples, update.step, STATUSES.index(solve.status),
-                *(astuple(judged) if judged else (0, math.nan, math.nan, 0.0, 0)),
+                *(
+                    (found.iterations, STOPS.index(found.stop), found.delta, found.rungs,
+                     found.doubted)
+                    if found else (0, 0, 0.0, 0, 0)
+                ),
             )
         )  # fmt: skip
 

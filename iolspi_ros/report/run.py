@@ -195,12 +195,12 @@ def _judged(history: History) -> str:
     refused = [f"{p.number} ({p.status})" for p in history.policies if p.status != "ok"]
     text = "Digits that a solve may lose: 1e6 costs six of sixteen. "
     text += f"Unhealthy: updates {', '.join(refused)}. " if refused else "All were healthy. "
-    judged = [p.judgement for p in history.policies if p.judgement]
-    if judged:
-        stayed = sum(not judgement.delta for judgement in judged)
+    refreshed = [p.refresh for p in history.policies if p.refresh]
+    if refreshed:
+        stayed = sum(not refresh.converged for refresh in refreshed)
         text += (
-            f"Of {len(judged)} updates {stayed} kept the weights before, since no new policy "
-            f"was predicted to be better; the last: {judged[-1].describe()}."
+            f"Of {len(refreshed)} updates {stayed} kept the weights before, since policy iteration "
+            f"did not converge; the last: {refreshed[-1].describe()}."
         )
     return text
 
