@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from iolspi_ros.core.dual import DualSystem
+from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import BlockSystem, greedy
 from iolspi_ros.core.online import OnlineLSPI
+from iolspi_ros.core.reduced import ReducedSystem
 from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.core.solve import Solve, plausible, solve_system
@@ -36,11 +38,35 @@ def test_far_off_values_are_not_plausible():
 
 
 def test_the_scale_of_gamma_is_that_of_its_eigenvalues():
-    system = BlockSystem(uniform(50), LearnerSettings().features(), 3, 0.98, np.ones(50), 0.0)
-    system.gram = np.array([np.diag([4.0, 4.0, 0.0]), np.diag([4.0, 0.0, 0.0])])
-    assert system.scale() == pytest.approx(4.0)
-    system.gram = np.zeros((1, 2, 2))
-    assert system.scale() == 1.0
+    """Four functions far apart, three of them seen: Γ is a diagonal."""
+    basis = RBFGrid((0.0,), (30.0,), (4,), width=0.05)
+    state = np.repeat([[0.0], [10.0], [20.0]], (8, 4, 4), axis=0)
+    action, none = np.repeat([0, 1, 0], (8, 4, 4)), np.zeros(16, bool)
+    rows = Transitions(state, action, np.zeros(16), state, none, none)
+    expected = (8.0**2 + 4.0**2 + 4.0**2) / 16.0
+    for kind in (ReducedSystem, DualSystem):
+        assert kind(rows, basis, 2, 0.9, np.ones(16), 1e-4).scale == pytest.approx(expected)
+    empty = ReducedSystem(rows[:0], basis, 2, 0.9, np.ones(0), 1e-4)
+    assert empty.scale == 1.0
+
+
+@pytest.mark.parametrize(("cut", "error"), [(0.0, 1e-8), (1e-3, 3e-3)])
+def test_directions_left_out_change_little(monkeypatch, cut, error):
+    """Values of two policies, one after the other, against those with every function."""
+    monkeypatch.setattr("iolspi_ros.core.reduced.CUT", cut)
+    t, basis = uniform(900), LearnerSettings(centers=(9, 9)).features()
+    ended = np.arange(900) % 7 == 0
+    t = Transitions(t.state, t.action, t.reward, t.next_state, ended, ~ended)
+    weight = np.random.default_rng(3).uniform(0.1, 1.0, 900)
+    reduced = ReducedSystem(t, basis, 3, 0.95, weight, 2e-4)
+    block = BlockSystem(t, basis, 3, 0.95, weight, reduced.delta)
+    rng = np.random.default_rng(4)
+    for policy in rng.integers(3, size=(2, 900)):
+        found, exact = reduced.evaluate(policy), block.evaluate(policy)
+        assert found.healthy
+        assert found.rank < 3 * basis.size or cut == 0.0
+        values, true = (s.values(f.weights) for s, f in ((reduced, found), (block, exact)))
+        np.testing.assert_allclose(values, true, atol=error * np.abs(true).max())
 
 
 def test_one_unknown_for_each_sample_gives_the_same_as_one_for_each_function():
@@ -57,7 +83,6 @@ def test_one_unknown_for_each_sample_gives_the_same_as_one_for_each_function():
     assert one.healthy
     np.testing.assert_allclose(one.weights, other.weights, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(dual.values(start), block.values(start), atol=1e-10)
-    assert dual.scale() == pytest.approx(block.scale())
 
 
 def test_from_samples_of_everywhere_it_is_near_optimal_at_once():
@@ -95,11 +120,10 @@ def test_what_is_flown_is_greedy_to_its_own_values():
 class Swinging:
     """Policy iteration on it never ends: each policy makes the other greedy; more δ settles it."""
 
+    scale = 1.0
+
     def __init__(self, *_, **__):
         self.delta = 0.0
-
-    def scale(self):
-        return 1.0
 
     def policy(self, weights):
         return np.array([int(weights[0, 0] > 0.5)])
@@ -118,7 +142,7 @@ SETTLED = 1e-3
 @pytest.mark.parametrize(("settled", "rungs"), [(0.0, 1), (1e-3, 2), (1e-2, 3), (1.0, 3)])
 def test_more_delta_is_tried_until_it_converges(monkeypatch, settled, rungs):
     monkeypatch.setattr("test_refresh.SETTLED", settled)
-    monkeypatch.setattr("iolspi_ros.core.refresh.BlockSystem", Swinging)
+    monkeypatch.setattr("iolspi_ros.core.refresh.ReducedSystem", Swinging)
     core = learner(centers=(1, 1))
     rows = uniform(20)
     before = np.zeros((3, 1))

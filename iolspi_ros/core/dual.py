@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,7 @@ class DualSystem:
         weights = self._combine(found.weights)
         return replace(found, weights=weights, rank=rank)
 
+    @cached_property
     def scale(self) -> float:
         """Scale of Γ: tr Γ² / tr Γ, as of `BlockSystem`."""
         trace = float(self.weight @ np.diag(self._kernel))

@@ -125,11 +125,6 @@ class BlockSystem:
         """Q̂ in the next states, shape (n_samples, n_actions)."""
         return self.next_phi @ weights.T
 
-    def scale(self) -> float:
-        """Scale of Γ: its trace over its effective rank (tr Γ)² / tr Γ², so tr Γ² / tr Γ."""
-        trace = float(np.trace(self.gram, axis1=1, axis2=2).sum())
-        return float((self.gram * self.gram).sum()) / trace if trace > 0.0 else 1.0
-
     def moments(self, policy: Actions) -> Moments:
         """Γ, Λ and z of a policy."""
         size = self.vector.shape[1]

@@ -20,8 +20,9 @@ from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import BlockSystem, Iteration, always, policy_iteration
+from iolspi_ros.core.lspi import Iteration, always, policy_iteration
 from iolspi_ros.core.outliers import doubts
+from iolspi_ros.core.reduced import ReducedSystem
 from iolspi_ros.core.solve import Solve, plausible
 
 Array = NDArray[np.float64]
@@ -136,16 +137,16 @@ def refresh(
         among = None if among is None else among[~doubt.rows]
     # Whichever is smaller: one unknown for each function and action, or one for each sample.
     many = 0 < len(rows) < s.n_actions * basis.size and not len(basis.table.kept)
-    kind = DualSystem if many else BlockSystem
-    system = kind(rows, basis, s.n_actions, s.gamma, weight, 0.0, among=among)
+    kind = DualSystem if many else ReducedSystem
+    system = kind(rows, basis, s.n_actions, s.gamma, weight, DELTAS[0], among=among)
     deadline = time.monotonic() + s.refresh_budget if s.refresh_budget else np.inf
 
     def go_on(number: int, change: float) -> bool:
         return time.monotonic() < deadline and proceed(number, change)
 
-    scale, done, rungs = system.scale(), 0, 0
+    done, rungs = 0, 0
     for share in DELTAS:
-        system.delta = share * scale
+        system.delta = share * system.scale
         found = policy_iteration(
             system, weights, chi=s.chi, max_iterations=s.refresh_iterations, proceed=go_on
         )
