@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from iolspi_ros.core.buffer import Buffer, Cells
 from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
+from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.moments import SCALINGS
 from iolspi_ros.core.shield import Shield
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 
+AUTO = "auto"
 ALGORITHMS = ("refreshed", "literal")
 
 CELLS_PER_CENTER = 2
@@ -34,8 +36,12 @@ class LearnerSettings(Settings):
     )
     n_actions: int = setting(3, "number of actions", low=1, high=1000)
     basis: str = setting(
-        "rbf", "radial basis functions (T 9-1) or Chebyshev polynomials (T 4-1-2)", choices=BASES
+        "rbf",
+        "a grid of radial functions (T 9-1) or Chebyshev polynomials (T 4-1-2); or auto: "
+        "radial functions around the samples",
+        choices=(*BASES, AUTO),
     )
+    kernels: int = setting(500, "auto: functions of a state, at most", low=1)
     low: tuple[float, ...] = setting((-np.pi, -15 * np.pi), "lower limits of the grid of centres")
     high: tuple[float, ...] = setting((np.pi, 15 * np.pi), "upper limits of the grid of centres")
     centers: tuple[int, ...] = setting((11, 11), "centres per dimension (T IV-A)", low=1)
@@ -91,6 +97,11 @@ class LearnerSettings(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.features()  # the grid checks itself
+        if self.basis == AUTO and self.algorithm != "refreshed":
+            raise InputError(
+                f"algorithm is {self.algorithm} with basis {AUTO}; allowed: refreshed, since Γ of "
+                "one basis says nothing in another"
+            )
         low, high = self._envelope()
         if not (low < high).all():
             raise InputError(
@@ -105,6 +116,8 @@ class LearnerSettings(Settings):
 
     def features(self) -> Basis:
         """The basis functions of a state."""
+        if self.basis == AUTO:
+            return Kernels.unseen(np.where(self.periodic, np.subtract(self.high, self.low), 0.0))
         if self.basis == "chebyshev":
             return ChebyshevGrid(self.low, self.high, self.centers)
         return RBFGrid(
@@ -133,8 +146,13 @@ class LearnerSettings(Settings):
 
     def buffer(self) -> Buffer:
         """An empty buffer."""
+        features = self.features()
         counts = tuple(CELLS_PER_CENTER * count for count in self.centers)
-        cells = Cells(self.low, self.high, counts)
+        cells = (
+            Crowds(features)
+            if isinstance(features, Kernels)
+            else Cells(self.low, self.high, counts)
+        )
         return Buffer.empty(
             cells, self.samples_per_cell, self.buffer_size, self.keep_demonstrations
         )

@@ -210,6 +210,7 @@ def policy_iteration(
     chi: float,
     max_iterations: int,
     proceed: Callable[[int, float], bool] = always,
+    first: Actions | None = None,
 ) -> Iteration:
     """Solve for a policy, become greedy, and so on (T Algorithm 1, lines 5 to 12).
 
@@ -224,6 +225,8 @@ def policy_iteration(
         l_max.
     proceed : callable
         Called after each iteration with its number and ‖Δw‖; a false answer ends the loop.
+    first : ndarray of int, shape (n_samples,), optional
+        The first policy, when it is of weights of other functions.
 
     Returns
     -------
@@ -235,7 +238,8 @@ def policy_iteration(
     changes: list[float] = []
     stop, period = "cap", 0
     for iteration in range(1, max_iterations + 1):
-        policy = system.policy(weights)
+        policy = first if first is not None else system.policy(weights)
+        first = None
         key = policy.tobytes()
         solves.append(solves[-1] if key == last else system.evaluate(policy))
         changes.append(float(np.linalg.norm(solves[-1].weights - weights)))

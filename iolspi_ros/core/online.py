@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.core.buffer import Buffer
+from iolspi_ros.core.features import Basis
+from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.learner_settings import LearnerSettings
 from iolspi_ros.core.lspi import Iteration, always, greedy, offline_lspi
 from iolspi_ros.core.moments import Moments, accumulate
@@ -94,6 +96,7 @@ class Outcome:
     shield: Shield
     refresh: Refresh | None = None
     iteration: Iteration | None = None
+    features: Basis | None = None
 
 
 class OnlineLSPI:
@@ -116,7 +119,7 @@ class OnlineLSPI:
     def __init__(self, settings: LearnerSettings, rng: np.random.Generator) -> None:
         self.settings = settings
         self.rng = rng
-        self.features = settings.features()
+        self.features: Basis = settings.features()
         shape = (settings.n_actions, self.features.size)
         self.weights: Array = rng.standard_normal(shape)
         self.literal = settings.algorithm == "literal"
@@ -230,9 +233,9 @@ class OnlineLSPI:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
             found = self._refreshed(rows, start, True, proceed)()
         accepted = found.refresh.converged if found.refresh else found.solve.status != "non-finite"
-        change = float(np.linalg.norm(found.solve.weights - self.weights))
+        change = self._change(found.solve)
         if found.refresh and not accepted:
-            found = replace(found, weights=self.weights)
+            found = replace(found, weights=self.weights, features=self.features)
         if found.refresh or accepted:
             self._take(found)
             self.n_samples += len(rows)
@@ -297,7 +300,7 @@ class OnlineLSPI:
 
         Weights of an unhealthy solve, or of one judged worse, are not used; those before stay.
         """
-        change = float(np.linalg.norm(found.solve.weights - self.weights))
+        change = self._change(found.solve)
         accepted = found.solve.healthy and found.weights is not self.weights
         self._take(found)
         self.updates += 1
@@ -322,20 +325,40 @@ class OnlineLSPI:
         features, moments, kept, shield = self.features, self.moments, self.buffer, self.shield
 
         def compute() -> Outcome:
-            buffer = kept.add(batch, step, demonstrated)
-            believed = ~doubts(kept.transitions + batch).rows[len(kept) :]
-            grown = shield.learn(batch[believed], 1.0 if demonstrated else s.forget_factor)
+            seen = kept.transitions + batch
+            believed, basis, cells = ~doubts(seen).rows, features, kept.cells
+            if isinstance(features, Kernels):
+                basis = features.around(seen.state[believed], s.kernels)
+                cells = Crowds(basis)
+            buffer = replace(kept, cells=cells).add(batch, step, demonstrated)
+            grown = shield.learn(
+                batch[believed[len(kept) :]], 1.0 if demonstrated else s.forget_factor
+            )
             among = grown.among(buffer.transitions.next_state)
-            found = refresh(buffer, step, features, s, weights, proceed, among)
+            found = refresh(buffer, step, basis, s, weights, proceed, among, old=features)
+            flown = basis if found.record.converged else features
             return Outcome(
-                found.weights, found.solve, moments, buffer, grown, found.record, found.iteration
+                found.weights,
+                found.solve,
+                moments,
+                buffer,
+                grown,
+                found.record,
+                found.iteration,
+                flown,
             )
 
         return compute
 
+    def _change(self, found: Solve) -> float:
+        """‖Δw‖ that a solve asks for; NaN when it has other functions."""
+        if found.weights.shape != self.weights.shape:
+            return math.nan
+        return float(np.linalg.norm(found.weights - self.weights))
+
     def _take(self, found: Outcome) -> None:
         self.weights, self.moments, self.buffer = found.weights, found.moments, found.buffer
-        self.shield = found.shield
+        self.shield, self.features = found.shield, found.features or self.features
 
     def state(self) -> dict[str, Any]:
         """Everything that a later `restore` needs to go on bit by bit the same."""

@@ -20,7 +20,7 @@ from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.dual import DualSystem
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.learner_settings import LearnerSettings
-from iolspi_ros.core.lspi import Iteration, always, policy_iteration
+from iolspi_ros.core.lspi import Iteration, always, greedy, policy_iteration
 from iolspi_ros.core.outliers import doubts
 from iolspi_ros.core.reduced import ReducedSystem
 from iolspi_ros.core.solve import Solve, plausible
@@ -105,6 +105,7 @@ def refresh(
     among: NDArray[np.bool_] | None = None,
     low: Array | float = -np.inf,
     high: Array | float = np.inf,
+    old: Basis | None = None,
 ) -> Refreshed:
     """Find the policy that the samples kept converge to.
 
@@ -124,6 +125,8 @@ def refresh(
         Actions to choose from in the next states; see `lspi.BlockSystem`.
     low, high : ndarray of shape (n_dims,), or float
         Limits of the states; see `outliers.doubts`.
+    old : Basis, optional
+        Functions of `weights`, when these are others.
 
     Returns
     -------
@@ -139,6 +142,10 @@ def refresh(
     many = 0 < len(rows) < s.n_actions * basis.size and not len(basis.table.kept)
     kind = DualSystem if many else ReducedSystem
     system = kind(rows, basis, s.n_actions, s.gamma, weight, DELTAS[0], among=among)
+    first = None
+    if old is not None and old is not basis:
+        first = greedy(weights, old(rows.next_state, rows.terminated), among=among)
+    start = weights if first is None else np.zeros((s.n_actions, basis.size))
     deadline = time.monotonic() + s.refresh_budget if s.refresh_budget else np.inf
 
     def go_on(number: int, change: float) -> bool:
@@ -148,8 +155,9 @@ def refresh(
     for share in DELTAS:
         system.delta = share * system.scale
         found = policy_iteration(
-            system, weights, chi=s.chi, max_iterations=s.refresh_iterations, proceed=go_on
-        )
+            system, start, chi=s.chi, max_iterations=s.refresh_iterations, proceed=go_on,
+            first=first,
+        )  # fmt: skip
         done, rungs = done + found.iterations, rungs + 1
         solve = found.solve
         if solve.healthy and not plausible(system.values(solve.weights), rows.reward, s.gamma):

@@ -91,6 +91,8 @@ class _Flight:
             steps = range(begin, begin + count)  # they change on the way
             parameters = np.stack([world.task.parameters(step * dt) for step in steps])
         rows = learner.batch.reserve(count)
+        if len(self.phi) != learner.features.size:  # of kernels, that change with an update
+            self.phi = np.empty(learner.features.size)
         noises = (world.settings.action_noise, world.settings.uniform_noise)
         exploring = (s.epsilon, s.epsilon_decay, s.sampling_time, min(s.epsilon_min, s.epsilon))
         steps, terminated, tied, vetoes = _fly(
