@@ -99,7 +99,9 @@ class ReducedSystem:
         matrix = np.diag(self._gram + self.delta) - self.gamma * self._cross
         found = solve_system(matrix, self.target)
         pairs = zip(self.directions, self._spans, strict=True)
-        return replace(found, weights=np.stack([v @ found.weights[s] for v, s in pairs]))
+        weights = np.stack([v @ found.weights[s] for v, s in pairs])
+        # Along directions left out, δI alone stands in for Γ - γΛ.
+        return replace(found, weights=weights, rank=found.rank + weights.size - len(self.target))
 
     def _add(self, rows: NDArray[np.int64], policy: Actions, sign: float) -> None:
         """Add Σ w φφ'ᵀ to Λ, in the directions of each action on either side."""
