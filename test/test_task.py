@@ -222,7 +222,7 @@ CUP = tasks.load(json.dumps(SMALL), "")
         ),
         (
             {"variables": (Variable("level", "m", 0.0, 2.0), Variable("flow"))},
-            ["unit of level is  here and m there", "high of level is 1.0 here and 2.0 there"],
+            ["unit of level is '' here and 'm' there", "high of level is 1.0 here and 2.0 there"],
         ),
     ],
 )  # fmt: skip
