@@ -197,7 +197,8 @@ class OnlineLSPI:
 
         The literal learner runs offline LSPI from random weights; its weights and its Γ, Λ, z
         become this learner's, unless its last solve is not finite. The refreshed one adds
-        them to its buffer; its weights stay when policy iteration does not converge.
+        them to its buffer; its weights stay when policy iteration does not converge, unless
+        nothing was learned before.
 
         Parameters
         ----------
@@ -227,7 +228,7 @@ class OnlineLSPI:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
             found = self._refreshed(rows, start, True, proceed)()
         refreshed = found.refresh
-        accepted = refreshed.converged if refreshed else found.solve.status != "non-finite"
+        accepted = refreshed.used if refreshed else found.solve.status != "non-finite"
         report = self._report(0, accepted, found)
         if refreshed and not accepted:
             found = replace(found, weights=self.weights, features=self.features)
@@ -337,10 +338,11 @@ class OnlineLSPI:
             among = grown.among(buffer.transitions.next_state)
             found = refresh(
                 buffer, step, basis, task, s, weights, proceed, among, limits, features,
+                anything=demonstrated and not len(kept),
             )  # fmt: skip
             return Computed(
                 found.weights, found.solve, moments, buffer, grown,
-                basis if found.record.converged else features, found.record, found.iteration,
+                basis if found.record.used else features, found.record, found.iteration,
             )  # fmt: skip
 
         return compute

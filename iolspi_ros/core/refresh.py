@@ -43,11 +43,14 @@ class Refresh:
     iterations : int
         Policies solved for, with all δ.
     stop : str
-        One of `STOPS`, of the last δ. Only what has converged is used.
+        One of `STOPS`, of the last δ.
     delta : float
         The last δ.
     rungs : int
         How many δ were tried.
+    used : bool
+        Whether its weights are used: they are when they have converged, or when they can be
+        believed and nothing was learned before. Otherwise those before stay.
     doubted : int
         Samples kept that are not learned from, since they cannot be true.
     reasons : tuple of str
@@ -58,19 +61,18 @@ class Refresh:
     stop: str
     delta: float
     rungs: int
+    used: bool
     doubted: int = 0
     reasons: tuple[str, ...] = ()
-
-    @property
-    def converged(self) -> bool:
-        """Whether its weights are used; otherwise those before stay."""
-        return self.stop == STOPS[0]
 
     def describe(self) -> str:
         """One line for a person."""
         text = f"{self.stop}, delta {self.delta:.2g}"
         text += f" after {self.rungs - 1} smaller" if self.rungs > 1 else ""
-        text += "" if self.converged else ", the weights before stay"
+        if not self.used:
+            text += ", the weights before stay"
+        elif self.stop != STOPS[0]:
+            text += ", used all the same: nothing was learned before"
         if not self.doubted:
             return text
         return f"{text}; {self.doubted} samples not believed: {', '.join(self.reasons) or '-'}"
@@ -107,6 +109,8 @@ def refresh(
     among: NDArray[np.bool_] | None = None,
     limits: tuple[Array | float, Array | float] = (-np.inf, np.inf),
     old: Basis | None = None,
+    *,
+    anything: bool = False,
 ) -> Refreshed:
     """Find the policy that the samples kept converge to.
 
@@ -129,6 +133,8 @@ def refresh(
         Of the states; see `outliers.doubts`.
     old : Basis, optional
         Functions of `weights`, when these are others.
+    anything : bool
+        Nothing was learned before: what can be believed is used without having converged.
 
     Returns
     -------
@@ -168,5 +174,6 @@ def refresh(
         stop = found.stop if solve.healthy else STOPS[-1]
         if stop in ("converged", "interrupted"):
             break
-    record = Refresh(done, stop, system.delta, rungs, int(doubt.rows.sum()), doubt.reasons)
-    return Refreshed(solve.weights if record.converged else weights, solve, found, record)
+    used = stop == STOPS[0] or (anything and solve.healthy)
+    record = Refresh(done, stop, system.delta, rungs, used, int(doubt.rows.sum()), doubt.reasons)
+    return Refreshed(solve.weights if used else weights, solve, found, record)
