@@ -33,7 +33,11 @@ setup(
     ],
     python_requires=">=3.11,<3.14",
     install_requires=["setuptools"],
-    extras_require={"cluster": ["distributed"], "bench": ["mushroom-rl==1.10.2"]},
+    extras_require={
+        "cluster": ["distributed"],
+        "bench": ["mushroom-rl==1.10.2"],
+        "gymnasium": ["gymnasium[box2d]>=1.0"],
+    },
     zip_safe=True,
     description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",
     license="Apache-2.0",
