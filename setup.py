@@ -48,6 +48,7 @@ setup(
             "demonstrator = iolspi_ros.nodes.start:demonstrator",
             "learner = iolspi_ros.nodes.start:learner",
             "bridge = iolspi_ros.nodes.start:bridge",
+            "vehicle = iolspi_ros.nodes.start:vehicle",
             "graph = iolspi_ros.nodes.start:graph",
         ],
         "iolspi_ros.tasks": [
@@ -55,6 +56,7 @@ setup(
             "slung_load = sim_nodes.tasks.slung_load:SlungLoad",
             "cart_pole = sim_nodes.tasks.cart_pole:CartPole",
         ],
+        "gymnasium.envs": ["iolspi_ros = msg_bridge.gym:register"],
         "iolspi_ros.learners": [
             "iolspi = iolspi_ros.core.online:OnlineLSPI",
         ],

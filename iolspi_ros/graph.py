@@ -65,10 +65,12 @@ class Graph:
     ----------
     folder : Path
         Where each node's output goes, as NAME.log.
+    environment : mapping of str to str
+        Variables that the nodes have otherwise than this process.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
+        self._folder, self._environment = folder, dict(environment or {})
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> Graph:
@@ -103,7 +105,7 @@ class Graph:
             self._processes[name] = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                env=os.environ | {PARENT: str(os.getpid())},
+                env=os.environ | self._environment | {PARENT: str(os.getpid())},
             )  # fmt: skip
 
     def check(self) -> None:

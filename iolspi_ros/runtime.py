@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -26,15 +27,15 @@ from iolspi_ros.errors import InputError
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
-def executor() -> Executor:
-    """The fastest executor that this rclpy has."""
+def executor(context: Context | None = None) -> Executor:
+    """The fastest executor that this rclpy has; of the default context, or another."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:  # rclpy of the first Jazzy releases
         from rclpy.executors import SingleThreadedExecutor
 
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
