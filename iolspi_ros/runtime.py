@@ -19,6 +19,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from iolspi_ros.arguments import without_files
@@ -68,7 +69,13 @@ class Nodes(Protocol):
         ...
 
 
-def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = None) -> int:
+def main(
+    make: Callable[[], Node | Nodes],
+    name: str,
+    args: list[str] | None = None,
+    *,
+    last_word: bool = False,
+) -> int:
     """Run one node, or some in one process, until told to stop.
 
     Parameters
@@ -79,6 +86,8 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
         For messages.
     args : list of str, optional
         Command line with `--ros-args`.
+    last_word : bool
+        After a signal the node can still publish while it is closed; else the context is down.
 
     Returns
     -------
@@ -86,21 +95,25 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
         Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
     """
     made: list[Node | Nodes] = []
-    begun = False
+    begun = told = False
+    handlers = SignalHandlerOptions.NO if last_word else None
 
     def interrupt(*_: object) -> None:
         # rclpy's own handler, which calls this one, shuts the context down and so ends the
         # loop; an exception from here would land anywhere, also in the executor's C++.
+        nonlocal told
+        told = True
         if not made:
             raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     try:
-        rclpy.init(args=without_files(sys.argv if args is None else args))
+        given = without_files(sys.argv if args is None else args)
+        rclpy.init(args=given, signal_handler_options=handlers)
         begun = True
         made.append(make())
-        spin(made[0])
+        spin(made[0], lambda: told and last_word)
     except KeyboardInterrupt:
         return 0
     except InputError as error:
@@ -126,8 +139,8 @@ def _nodes(made: Node | Nodes) -> Sequence[Node]:
     return [made] if isinstance(made, Node) else made.nodes
 
 
-def spin(made: Node | Nodes) -> None:
-    """Handle events until the context is shut down.
+def spin(made: Node | Nodes, told: Callable[[], bool] = lambda: False) -> None:
+    """Handle events until the context is shut down, or `told` to end.
 
     Raises
     ------
@@ -143,7 +156,7 @@ def spin(made: Node | Nodes) -> None:
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
     context = nodes[0].context
     try:
-        while context.ok():
+        while context.ok() and not told():
             busy = pump is not None and pump()
             _spin_once(loop, nodes, 0.0005 if busy else 0.25)
             for node in nodes:
