@@ -103,7 +103,7 @@ class Sensing:
         """
         for place, latest in enumerate(self._latest):
             age = now - latest.heard
-            if latest.heard < 0 or age > self._max_age or not math.isfinite(latest.value):
+            if latest.heard < 0 or age >= self._max_age or not math.isfinite(latest.value):
                 raise InputError(self._why(place, latest, age))
         return [latest.value for latest in self._latest]
 
@@ -116,7 +116,7 @@ class Sensing:
         if not math.isfinite(latest.value):
             return f"{where} is {latest.value}"
         oldest = self._max_age / NANOSECONDS
-        return f"{where} is {age / NANOSECONDS:.3f} s old; allowed: at most {oldest:g} s"
+        return f"{where} is {age / NANOSECONDS:.3f} s old; allowed: less than {oldest:g} s"
 
 
 def _stamp(message: Any, now: int) -> int:

@@ -106,7 +106,7 @@ class Wiring:
                 found, why = qos_check_compatible(other.qos_profile, _PROFILES[source.qos])
                 if found == QoSCompatibility.ERROR:
                     raise InputError(
-                        f"topic {resolved} of {other.node_name} cannot be heard with qos "
+                        f"topic {resolved} of {_name(other)} cannot be heard with qos "
                         f"{source.qos}: {why.strip('; ')}; allowed: qos: best_effort"
                     )
         for output in self._robot.outputs:
@@ -132,9 +132,15 @@ class Wiring:
 def _check_type(topic: str, other: Any, wanted: str, how: str) -> None:
     if other.topic_type != wanted:
         raise InputError(
-            f"topic {topic} is {how} by {other.node_name} as {other.topic_type}, and the file "
+            f"topic {topic} is {how} by {_name(other)} as {other.topic_type}, and the file "
             f"says {wanted}; allowed: the same type"
         )
+
+
+def _name(other: Any) -> str:
+    """Of the node at a topic's other end; just after it has come nobody knows."""
+    name = str(other.node_name)
+    return "a node" if "UNKNOWN" in name else name
 
 
 def _refusal(done: Any) -> str:
