@@ -1,15 +1,27 @@
-.PHONY: demo test bench clean
+PYTEST = .venv/bin/python -m pytest -n auto --maxprocesses 8 --dist worksteal
+PROPERTIES = $(shell grep -l '^from hypothesis import' test/test_*.py)
+
+.PHONY: demo test test-all mutants bench clean
 
 demo: ## learn to swing up a pendulum from demonstrations, on a real ROS 2 graph
 	@scripts/venv.sh run
 	@.venv/bin/iolspi demo
 
-test: ## lint, types and tests
+test: ## lint, types, and all tests that are quick
 	@scripts/venv.sh test
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
-	.venv/bin/python -m pytest
+	$(PYTEST) -m 'not slow'
+
+test-all: ## the slow tests, and many more examples of each property
+	@scripts/venv.sh test
+	$(PYTEST) -m slow --timeout 900
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) -m 'not slow' --timeout 900 $(PROPERTIES)
+
+mutants: ## change single lines and see which tests notice; docs/quality.md keeps what it prints
+	@scripts/venv.sh test
+	.venv/bin/python scripts/mutants.py
 
 bench: ## measure; docs/benchmarks.md keeps what it prints
 	@scripts/venv.sh run

@@ -70,9 +70,9 @@ class Nodes(Protocol):
 
 
 def main(
-    make: Callable[[], Node | Nodes],
+    make: Callable[[Sequence[str]], Node | Nodes],
     name: str,
-    args: list[str] | None = None,
+    arguments: Sequence[str] | None = None,
     *,
     last_word: bool = False,
 ) -> int:
@@ -81,11 +81,11 @@ def main(
     Parameters
     ----------
     make : callable
-        Makes the node; it has a method `close`.
+        Makes the node from the arguments; it has a method `close`.
     name : str
         For messages.
-    args : list of str, optional
-        Command line with `--ros-args`.
+    arguments : sequence of str, optional
+        Command line with `--ros-args`; that of the process by default.
     last_word : bool
         After a signal the node can still publish while it is closed; else the context is down.
 
@@ -95,24 +95,26 @@ def main(
         Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
     """
     made: list[Node | Nodes] = []
-    begun = told = False
+    begun, making, told = False, True, False
     handlers = SignalHandlerOptions.NO if last_word else None
 
     def interrupt(*_: object) -> None:
         # rclpy's own handler, which calls this one, shuts the context down and so ends the
         # loop; an exception from here would land anywhere, also in the executor's C++.
-        nonlocal told
+        nonlocal making, told
         told = True
-        if not made:
+        if making:
+            making = False  # a second signal must not interrupt how the first one is handled
             raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     try:
-        given = without_files(sys.argv if args is None else args)
-        rclpy.init(args=given, signal_handler_options=handlers)
+        given = sys.argv if arguments is None else arguments
+        rclpy.init(args=without_files(given), signal_handler_options=handlers)
         begun = True
-        made.append(make())
+        made.append(make(given))
+        making = False
         spin(made[0], lambda: told and last_word)
     except KeyboardInterrupt:
         return 0
@@ -126,6 +128,7 @@ def main(
         print(f"{name}: {_first_line(error)}", file=sys.stderr)
         return 2
     finally:
+        making = False
         # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)

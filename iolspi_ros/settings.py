@@ -31,6 +31,12 @@ def setting(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def replaced(cls: type[Any], name: str, default: Any) -> Any:
+    """The same field of another dataclass, with another default."""
+    field = next(field for field in dataclasses.fields(cls) if field.name == name)
+    return dataclasses.field(default=default, metadata=field.metadata)
+
+
 class Settings:
     """Base of every settings dataclass: checks its fields when made."""
 

@@ -222,7 +222,10 @@ def type_name(message: Any) -> str:
 def _deserialise(data: bytes, kind: Any) -> Any:
     from rclpy.serialization import deserialize_message
 
-    return deserialize_message(data, kind)
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError as error:  # rclpy's own errors are such
+        raise InputError(f"{len(data)} bytes are no {kind.__name__}: {error}") from None
 
 
 def whole(value: float) -> int:
@@ -273,12 +276,12 @@ class JointStates:
         InputError
             When a joint is missing or has no position or velocity.
         """
-        state = np.empty(2 * len(self._joints))
         if isinstance(message, bytes):
             found = self._bytes.unpack(message)
             if found is not None:
-                sec, nanosec, state[0::2], state[1::2] = found
-                return state, sec * NANOSECONDS + nanosec
+                sec, nanosec, position, velocity = found
+                pairs = [x for pair in zip(position, velocity, strict=True) for x in pair]
+                return np.array(pairs), sec * NANOSECONDS + nanosec
             message = _deserialise(message, self.type)
         joints, names = self._joints, list(message.name)
         missing = [joint for joint in joints if joint not in names]
@@ -291,6 +294,7 @@ class JointStates:
                 f"state has {len(message.position)} positions and {len(message.velocity)} "
                 f"velocities; allowed: {len(names)} of each, one per joint"
             )
+        state = np.empty(2 * len(joints))
         for d, joint in enumerate(joints):
             column = names.index(joint)
             state[2 * d] = message.position[column]

@@ -127,7 +127,7 @@ class World:
         """Hold an action for one sampling time."""
         noise = 0.0
         if self.noise.action or self.noise.uniform:
-            noise = action_noise(self.noise, self.rng)
+            noise = action_noise.py_func(self.noise, self.rng)
         self.state, reward, ended, cut = self._advance(action, noise)
         self._step += 1
         self.vehicle_steps += 1
@@ -161,7 +161,7 @@ class World:
         if not self.noise.blurred:
             return self.state
         seen = self.state.copy()
-        blur(self.noise, self.rng, seen)
+        blur.py_func(self.noise, self.rng, seen)
         return seen
 
 

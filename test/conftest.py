@@ -147,6 +147,59 @@ def spin_until(executor, ready, deadline=60.0):
         executor.spin_once(timeout_sec=0.05)
 
 
+class Peer:
+    """A node in this process that listens and talks; also in a vehicle's place."""
+
+    def __init__(self, rclpy):
+        from iolspi_ros import runtime
+
+        self.node = rclpy.create_node("peer")
+        self.executor = runtime.executor()
+        self.executor.add_node(self.node)
+        self.heard = {}
+
+    def listen(self, topic, kind, profile=10):
+        self.heard[topic] = []
+        self.node.create_subscription(kind, topic, self.heard[topic].append, profile)
+
+    def publisher(self, topic, kind, profile=10):
+        return self.node.create_publisher(kind, topic, profile)
+
+    def be_vehicle(self, task):
+        """Say what the task is; the publisher lives as long as the peer."""
+        from std_msgs.msg import String
+
+        from iolspi_ros import qos, wire
+
+        publisher = self.publisher("task", String, qos.LATCHED)
+        publisher.publish(wire.task_message(task))
+        return publisher
+
+    def until(self, ready, deadline=60.0):
+        spin_until(self.executor, ready, deadline)
+
+    def spin(self, seconds):
+        """Listen for so long, whatever comes."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def call(self, kind, name, request):
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def set(self, node, **values):
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request()
+        request.parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
+        return self.call(SetParameters, f"/{node}/set_parameters", request).results
+
+
 @pytest.fixture
 def run_here(domain, monkeypatch, capfd):
     """Run a node in this process to its own end; its exit status and what it said."""

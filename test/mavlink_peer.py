@@ -1,12 +1,14 @@
 """A ground station without a socket, for tests of the embedded autopilot in its own time."""
 
+import copy
+import copyreg
 import dataclasses
 import struct
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_nodes.autopilot.autopilot import TICK, Autopilot
-from sim_nodes.autopilot.profiles import find_profile
+from sim_nodes.autopilot.firmware import find_firmware
 
 ACCELERATION, VELOCITY = 0x0C3F, 0x0DC7
 GUIDED, OFFBOARD = (4,), (6, 0)
@@ -14,10 +16,10 @@ GUIDED, OFFBOARD = (4,), (6, 0)
 
 class Peer:
     def __init__(self, like, system=255, share=None, ready_after=None, **settings):
-        profile = find_profile(like)
+        firmware = find_firmware(like)
         if ready_after is not None:
-            profile = dataclasses.replace(profile, ready_after=ready_after)
-        self.autopilot = share or Autopilot(profile, **settings)
+            firmware = dataclasses.replace(firmware, ready_after=ready_after)
+        self.autopilot = share or Autopilot(firmware, **settings)
         self.link = self.autopilot.connect()
         self.mav = mavlink.MAVLink(None, system, 190)
         self.mav.robust_parsing = True
@@ -60,7 +62,7 @@ class Peer:
         number, kind = float(value), 9
         if isinstance(value, int):
             kind = 6
-            if self.autopilot.profile.bytewise:
+            if self.autopilot.firmware.bytewise:
                 number = struct.unpack("<f", struct.pack("<i", value))[0]
         self.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), number, kind))
 
@@ -108,10 +110,21 @@ class Peer:
         return self.now - start
 
 
-def flying(like, height=5.0, **settings):
-    """A vehicle in the air, in the mode for setpoints from outside."""
+def flying(like, height=5.0, parameters=None, **settings):
+    """A vehicle in the air, in the mode for setpoints from outside; a copy of one flown before."""
+    key = (like, height, *sorted((parameters or {}).items()), *sorted(settings.items()))
+    if key not in _FLOWN:
+        _FLOWN[key] = _take_off(like, height, parameters=parameters or {}, **settings)
+    return copy.deepcopy(_FLOWN[key])
+
+
+_FLOWN = {}
+copyreg.pickle(struct.Struct, lambda s: (struct.Struct, (s.format,)))  # of pymavlink's parsers
+
+
+def _take_off(like, height, **settings):
     peer = Peer(like, ready_after=1.0, **settings)
-    peer.run(peer.autopilot.profile.ready_after + 1.0)
+    peer.run(peer.autopilot.firmware.ready_after + 1.0)
     if like == "ardupilot":
         assert peer.mode(*GUIDED) == [0]
         assert peer.command(400, 1) == [0]

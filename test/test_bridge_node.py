@@ -5,6 +5,7 @@ import signal
 
 import pytest
 from conftest import spin_until
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import JointState, Joy
@@ -12,13 +13,14 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from iolspi_ros import qos, runtime, wire
-from iolspi_ros.bench.flying import FACTOR, parameters
+from iolspi_ros.bench.flying import parameters
+from iolspi_ros.bench.worlds import FACTOR
 from iolspi_ros.core.online import Source
 from iolspi_ros.resources import find
-from msg_bridge.mavlink.authority import Commander
-from msg_bridge.mavlink.node import AUTHORITY
+from msg_bridge.mavlink.arbiter import Authority
+from msg_bridge.mavlink.node import AUTHORITY, PREFLIGHT, Bridge
 from msg_bridge.mavlink.phases import Phase
-from sim_nodes.autopilot.profiles import Mode
+from sim_nodes.autopilot.firmware import Mode
 from sim_nodes.autopilot.server import Sitl
 
 CONFIG = find("config", "slung_load.yaml")
@@ -39,6 +41,8 @@ class Actor:
         listen(JointState, "state", self.states.append, qos.CONTROL)
         listen(Float64MultiArray, "reward", self.answer, qos.CONTROL)
         listen(Float64MultiArray, "authority", self.heard, qos.REPORTS)
+        self.status = {}
+        listen(DiagnosticArray, "/diagnostics", self.diagnosed, qos.RECORDING)
 
     def answer(self, message):
         row = dict(zip(wire.REWARD, message.data, strict=True))
@@ -49,6 +53,10 @@ class Actor:
 
     def heard(self, message):
         self.authority.append(dict(zip(AUTHORITY, message.data, strict=True)))
+
+    def diagnosed(self, message):
+        for status in message.status:
+            self.status[status.name] = {pair.key: pair.value for pair in status.values}
 
     def until(self, ready, deadline=40.0):
         spin_until(self.executor, ready, deadline)
@@ -69,15 +77,17 @@ class Actor:
     def state(self):
         return self.call(GetState, "/bridge/get_state", GetState.Request()).current_state.label
 
-    def commands(self, commander):
+    def commands(self, authority):
         """Until somebody has begun to command since this was asked last."""
         seen = len(self.authority)
-        self.until(lambda: any(row["commander"] == commander for row in self.authority[seen:]))
+        self.until(lambda: any(row["authority"] == authority for row in self.authority[seen:]))
 
 
 @pytest.fixture
 def sitl():
-    with Sitl("px4", ["udpin:127.0.0.1:0"], parameters("px4", FACTOR), ready_after=2.0) as vehicle:
+    with Sitl(
+        "px4", ["udpin:127.0.0.1:0"], parameters("px4", SIM_SPEEDUP=FACTOR), ready_after=2.0
+    ) as vehicle:
         yield vehicle
 
 
@@ -99,6 +109,13 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
     assert actor.state == "unconfigured"
     assert actor.change(Transition.TRANSITION_CONFIGURE)
     assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
+    actor.until(lambda: actor.status.get(PREFLIGHT, {}).get("result") == "passed")
+    assert list(actor.status[PREFLIGHT]) == [
+        "autopilot", "signed", "COM_OF_LOSS_T", "COM_OBL_RC_ACT", "position estimate", "clock",
+        "load", "result",
+    ]  # fmt: skip
+    assert actor.status[PREFLIGHT]["load"] == "reported by system 2"
+    actor.until(lambda: actor.status.get("bridge", {}).get("phase") == "idle")
     assert not sitl.autopilot.commander.armed
     assert actor.change(Transition.TRANSITION_ACTIVATE)
     actor.until(lambda: len(actor.rewards) > 60)
@@ -117,27 +134,30 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
     assert nodes.end("bridge") == 0
 
 
+@pytest.mark.slow
 def test_in_flight_a_signal_lands_and_gives_the_parameters_back(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate")
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     status = nodes.end("bridge")
     assert status == 0
     assert sitl.autopilot.commander.mode is Mode.LAND
     assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.0
 
 
+@pytest.mark.slow
 def test_actions_that_are_none_change_nothing(nodes, sitl, actor):
     """They are as good as silence: neutral, then hold, and on again when one comes that is."""
     start(nodes, sitl, "-p", "autostart:=activate")
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     for nonsense in (math.nan, math.inf, 4.0, -1.0, 1.5):
         actor.action = nonsense
-        actor.commands(Commander.HOLD)
+        actor.commands(Authority.HOLD)
         actor.action = 1.0
-        actor.commands(Commander.ACTOR)
+        actor.commands(Authority.ACTOR)
     nodes.wait_for("bridge", "ignored")
 
 
+@pytest.mark.slow
 def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate", "-p", "takeover_button:=0",
           "-p", "deadman_button:=1")  # fmt: skip
@@ -147,51 +167,74 @@ def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
         return actor.node.create_timer(0.05, lambda: actor.joy.publish(message))
 
     held = hold(0, 1)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     held.cancel()
-    actor.commands(Commander.HOLD)  # the deadman's button
+    actor.commands(Authority.HOLD)  # the deadman's button
     held = hold(1, 1, axis=-1.0)  # to the right
-    actor.commands(Commander.PILOT)
+    actor.commands(Authority.PILOT)
     actor.until(lambda: sitl.autopilot.body.state[4] > 1.0)  # east
     held.cancel()
     held = hold(0, 1)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
 
 
+@pytest.mark.slow
 def test_it_waits_while_paused(nodes, sitl, actor):
     start(nodes, sitl, "-p", "autostart:=activate")
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     assert actor.call(SetBool, "/bridge/pause", SetBool.Request(data=True)).success
-    actor.commands(Commander.HOLD)
+    actor.commands(Authority.HOLD)
     assert actor.call(SetBool, "/bridge/pause", SetBool.Request(data=False)).success
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
 
 
+@pytest.mark.slow
 def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor):
     actor.action = None
     start(nodes, sitl, "-p", "autostart:=activate")
-    learner = ("--params-file", str(CONFIG), "-p", "informed:=false", "-p", "background:=true")
+    learner = (
+        "--params-file",
+        str(CONFIG),
+        "-p",
+        "wait_for_demonstrations:=false",
+        "-p",
+        "background:=true",
+    )
     process = nodes.start("learner", *learner)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     process.send_signal(signal.SIGSTOP)
-    actor.commands(Commander.HOLD)
+    actor.commands(Authority.HOLD)
     process.send_signal(signal.SIGCONT)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
     process.kill()
     process.wait()
-    actor.commands(Commander.HOLD)
+    actor.commands(Authority.HOLD)
     nodes.start("learner", *learner)
-    actor.commands(Commander.ACTOR)
+    actor.commands(Authority.ACTOR)
 
 
-def test_bad_input_is_said_in_one_line(nodes):
-    for arguments, words in (
-        (("-p", "url:=nowhere"), "url is 'nowhere'; allowed:"),
-        (("-p", "box:=[3.0, -3.0]"), "the least first"),
-        (("-p", "task:=pendulum"), "task is 'pendulum'"),
-        (("-p", "signing_key:=/not/there"), "signing key"),
-    ):
-        status, said = nodes.finish("bridge", "-p", "autostart:=configure", *arguments)
-        assert status == 2, said
-        assert words in said.splitlines()[-1]
-        assert "Traceback" not in said
+@pytest.fixture
+def finish(monkeypatch, domain):
+    """Run the bridge in this process to its own end; its status."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield lambda *arguments: runtime.main(Bridge, "bridge", ["bridge", "--ros-args", *arguments])
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("url:=nowhere", "url is 'nowhere'; allowed:"),
+        ("box:=[3.0, -3.0]", "the least first"),
+        ("task:=pendulum", "task is 'pendulum'"),
+        ("signing_key:=/not/there", "signing key"),
+    ],
+)
+def test_bad_input_is_said_in_one_line(finish, capfd, argument, words):
+    assert finish("-p", "autostart:=configure", "-p", argument) == 2
+    said = capfd.readouterr().err
+    assert words in said.splitlines()[-1]
+    assert "Traceback" not in said

@@ -64,13 +64,13 @@ def test_help_and_version():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("learn", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
+        (("learn", "--task", "pendulm"), "task is 'pendulm'; allowed: cart_pole, pendulum"),
         (("bench", "tempo"), "subject is 'tempo'; allowed: learner, speed, scale"),
         (("learn", "--demos", "/nowhere"), "bag /nowhere does not exist"),
         (("learn", "--seconds", "0"), "nothing would be learned"),
         (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),
         (("learn", "--out", "/proc/no"), "--out /proc/no cannot be made"),
-        (("demo", "--task", "pendulm"), "task is 'pendulm'; allowed: pendulum"),
+        (("demo", "--task", "pendulm"), "--task is 'pendulm'; allowed: pendulum, slung_load"),
         (("demo", "--set", "6"), "--set is 6; allowed: 1 to 5"),
         (("learn", "--seed", "-1"), "Invalid value for '--seed'"),
         (("record", "--out", "/proc/no"), "bag /proc/no cannot be made"),
@@ -86,7 +86,10 @@ def test_help_and_version():
         (("fly", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("record", "--set", "7", "--out", "x"), "--set is 7; allowed: 1 to 5"),
         (("record", "--mode", "sleep", "--out", "x"), "mode is 'sleep'; allowed: perform, explore"),
-        (("run", "simulator", "--task", "kite"), "task is 'kite'; allowed: pendulum, slung_load"),
+        (
+            ("run", "simulator", "--task", "kite"),
+            "task is 'kite'; allowed: cart_pole, pendulum, slung_load",
+        ),
         (("run", "pilot"), "node is 'pilot'; allowed: simulator, demonstrator, learner"),
     ],
 )

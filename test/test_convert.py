@@ -12,7 +12,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from msg_bridge.mavlink import convert
 from msg_bridge.mavlink.convert import Track
 from msg_bridge.mavlink.profiles import ARDUPILOT, PX4
-from msg_bridge.mavlink.setpoints import Integral, Push, Run, Stay, packet
+from msg_bridge.mavlink.setpoints import (
+    AccelerationSetpoint,
+    Integral,
+    PositionSetpoint,
+    VelocitySetpoint,
+    packet,
+)
 from msg_bridge.mavlink.telemetry import parameter_raw, parameter_value
 
 EAST, NORTH = Track(), Track(heading=math.pi / 2)
@@ -80,7 +86,7 @@ def test_tracks_there_and_back(vector, heading, east, north):
 @pytest.mark.parametrize("track", [EAST, NORTH])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_an_acceleration_along_the_track_goes_out_in_ned(track, sign):
-    message = packet(Push(3.0 * sign, 0.0, 0.5, 5.0), ARDUPILOT, track, (1, 1), 2.0)
+    message = packet(AccelerationSetpoint(3.0 * sign, 0.0, 0.5, 5.0), ARDUPILOT, track, (1, 1), 2.0)
     ahead = message.afx if track is NORTH else message.afy
     across = message.afy if track is NORTH else message.afx
     assert ahead == pytest.approx(3.0 * sign)
@@ -91,27 +97,27 @@ def test_an_acceleration_along_the_track_goes_out_in_ned(track, sign):
 
 
 def test_px4_is_given_the_height_as_a_position():
-    message = packet(Push(3.0, 1.0, 0.5, 5.0), PX4, EAST, (1, 1), 0.0)
+    message = packet(AccelerationSetpoint(3.0, 1.0, 0.5, 5.0), PX4, EAST, (1, 1), 0.0)
     assert message.type_mask == 0x0D3B
     assert (message.afy, message.afx, message.z) == (3.0, 1.0, -5.0)
 
 
 def test_velocities_and_places_go_out_in_ned():
-    message = packet(Run(2.0, 1.0, 0.5), PX4, NORTH, (1, 1), 0.0)
+    message = packet(VelocitySetpoint(2.0, 1.0, 0.5), PX4, NORTH, (1, 1), 0.0)
     np.testing.assert_allclose([message.vx, message.vy, message.vz], [2, -1, -0.5], atol=1e-12)
-    message = packet(Stay(2.0, 1.0, 5.0), PX4, Track((10.0, 20.0), 0.0), (1, 1), 0.0)
+    message = packet(PositionSetpoint(2.0, 1.0, 5.0), PX4, Track((10.0, 20.0), 0.0), (1, 1), 0.0)
     np.testing.assert_allclose([message.x, message.y, message.z], [21, 12, -5], atol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("wish", [Push, Run, Stay])
-def test_what_is_not_finite_is_never_a_packet(wish, value):
+@pytest.mark.parametrize("setpoint", [AccelerationSetpoint, VelocitySetpoint, PositionSetpoint])
+def test_what_is_not_finite_is_never_a_packet(setpoint, value):
     for place in range(3):
-        numbers = [0.0] * len(wish._fields)
+        numbers = [0.0] * len(setpoint._fields)
         numbers[place] = value
         with pytest.raises(ValueError, match="finite"):
-            packet(wish(*numbers), ARDUPILOT, EAST, (1, 1), 0.0)
+            packet(setpoint(*numbers), ARDUPILOT, EAST, (1, 1), 0.0)
 
 
 def test_accelerations_summed_up_are_velocities():

@@ -53,6 +53,72 @@ def test_pumping_the_load_never_swings_it_beyond_its_angle():
     assert 0.6 * wide.swing < max(np.abs(angles)) < wide.swing
 
 
+FAST = Limits(jerk=1e4)
+
+
+def flown(motion, wanted, limits=FAST):
+    return limit(limits, wanted, motion, 0.0, DT)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.floats(-6.0, 2.7), st.floats(-5.0, 5.0), st.sampled_from([-3.0, 3.0]))
+def test_after_the_response_braking_still_ends_in_the_box(x, speed, wanted):
+    """By the bound's own definition: fly it for the response time, then brake."""
+    limited = flown(Motion(x=x, speed=speed), wanted)
+    if limited.reasons != ("box",) or abs(limited.acceleration) > 2.999:
+        return
+    tau, side = FAST.response, math.copysign(1.0, wanted)
+    later = speed + limited.acceleration * tau
+    stopped = x + speed * tau + 0.5 * limited.acceleration * tau**2
+    stopped += later * abs(later) / (2.0 * FAST.braking)
+    end = FAST.box[1] - 0.3 if side > 0.0 else FAST.box[0] + 0.3
+    if side * later >= 0.0:
+        assert stopped == pytest.approx(end, abs=1e-6)
+    else:  # turned round already: the bound is on the safe side
+        assert side * stopped <= side * end + 1e-6
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("response", [0.2, 0.4])
+def test_towards_the_wall_it_brakes_the_sooner_the_slower_it_responds(side, response):
+    """At 1.4 m/s with 1 m of room: v τ + a τ²/2 + (v + a τ)²/(2 b) = 1."""
+    limits = Limits(jerk=1e4, response=response, box=(-5.0, 5.0))
+    x, v, b = side * (5.0 - 0.3 - 1.0), 1.4, limits.braking
+    a = flown(Motion(x=x, speed=side * v), side * 3.0, limits).acceleration * side
+    roots = np.roots([response**2 / (2 * b), 0.5 * response**2 + response * v / b,
+                      response * v + v**2 / (2 * b) - 1.0])  # fmt: skip
+    assert a == pytest.approx(max(roots), abs=1e-9)
+    assert -3.0 < a < 3.0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("response", [0.2, 0.4])
+def test_the_speed_after_the_response_is_the_limit(side, response):
+    limits = Limits(jerk=1e4, response=response, speed=2.0, box=(-1e4, 1e4))
+    limited = flown(Motion(speed=side * 1.8), side * 3.0, limits)
+    assert limited.reasons == ("speed",)
+    assert side * 1.8 + limited.acceleration * response == pytest.approx(side * 2.0)
+
+
+@pytest.mark.parametrize("rate", [-2.0, 2.0])
+@pytest.mark.parametrize("response", [0.2, 0.4])
+def test_the_energy_after_the_response_is_that_of_the_limit(rate, response):
+    """Of the swing, linearly: the load's energy grows with -a ω cos θ / L."""
+    limits = Limits(jerk=1e4, response=response, box=(-1e4, 1e4), cable=1.5)
+    angle = 0.6
+    limited = flown(Motion(swing=angle, swing_rate=rate), -3.0 * np.sign(rate), limits)
+    assert limited.reasons == ("swing",)
+    pull = 9.81 / limits.cable
+    energy = 0.5 * rate**2 + pull * (1.0 - math.cos(angle))
+    gained = -limited.acceleration * rate * math.cos(angle) / limits.cable * response
+    most = pull * (1.0 - math.cos(0.75 * limits.swing))
+    assert energy + gained == pytest.approx(most)
+
+
+def test_the_jerk_is_limited_from_the_setpoint_before():
+    assert limit(LIMITS, 3.0, Motion(x=-3.0), -1.0, DT) == (-1.0 + 80.0 * DT, ("jerk",))
+
+
 @pytest.mark.parametrize("wanted", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_counts_as_no_acceleration(wanted):
     limited = limit(LIMITS, wanted, Motion(), 0.0, DT)
@@ -77,6 +143,20 @@ def test_inside_nothing_is_changed():
 )
 def test_a_violation_is_named(motion, word):
     assert word in violation(LIMITS, motion)
+
+
+@pytest.mark.parametrize(
+    ("name", "edge", "outwards"),
+    [
+        ("x", 3.3, 1.0), ("x", -6.8, -1.0), ("across", 2.0, 1.0), ("across", -2.0, -1.0),
+        ("height", 2.0, -1.0), ("height", 9.0, 1.0), ("speed", 6.9, 1.0), ("speed", -6.9, -1.0),
+        ("tilt", 0.8, 1.0), ("swing", 1.45, 1.0), ("swing", -1.45, -1.0),
+    ],
+)  # fmt: skip
+def test_where_the_envelope_ends(name, edge, outwards):
+    inside = Motion(height=5.0)
+    assert not violation(LIMITS, inside._replace(**{name: edge - 0.01 * outwards}))
+    assert violation(LIMITS, inside._replace(**{name: edge + 0.01 * outwards}))
 
 
 def test_a_box_has_its_least_end_first():

@@ -1,7 +1,5 @@
 """The graph as an environment of Gymnasium: checked by its own checker, flown by other learners."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -109,7 +107,7 @@ def test_an_evolution_strategy_learns_to_balance_through_the_graph(make):
     assert found.fbest == -500
 
 
-@pytest.mark.skipif("IOLSPI_SLOW" not in os.environ, reason="minutes; set IOLSPI_SLOW")
+@pytest.mark.slow
 def test_stable_baselines_learns_through_the_graph(make):
     sb3 = pytest.importorskip("stable_baselines3")
     env = make("gymnasium:CartPole-v1")

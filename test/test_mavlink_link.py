@@ -1,6 +1,7 @@
 """Transports, packets and signatures of the bridge."""
 
 import contextlib
+import math
 import os
 import pty
 import socket
@@ -12,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.codec import Codec, read_key
-from msg_bridge.mavlink.link import Link
+from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
 
@@ -67,7 +68,7 @@ def test_listening_nothing_is_sent_until_the_autopilot_was_heard():
     port = free.getsockname()[1]
     free.close()
     transport = open_url(f"udpin:127.0.0.1:{port}")
-    link = Link(transport, Telemetry(1, 2))
+    link = AutopilotLink(transport, Telemetry(1, 2))
     autopilot, stranger, elsewhere = peer(), peer(), peer(host="127.0.0.2")
     link.poll(0.0)
     stranger.sendto(Codec(9, 1).pack(HEARTBEAT), ("127.0.0.1", port))
@@ -195,9 +196,69 @@ def test_all_that_is_said_is_in_the_log(tmp_path):
     assert 1.5e15 < first <= second < 1e16  # microseconds since 1970
 
 
+def test_a_heartbeat_of_another_component_is_not_the_autopilots():
+    """A camera or a companion of the same system is neither armed nor in a mode."""
+    codec, telemetry = Codec(255, 190), Telemetry(1, 2)
+
+    def hear(component, message, now):
+        for taken in codec.read(Codec(1, component).pack(message), whole=True):
+            telemetry.take(taken, now)
+
+    camera = dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3)
+    hear(100, camera, 1.0)
+    assert telemetry.autopilot is None
+    hear(1, HEARTBEAT, 2.0)
+    hear(191, camera, 3.0)
+    assert (telemetry.autopilot, telemetry.mode, telemetry.armed) == (12, 6 << 16, True)
+
+
+def heard(telemetry, message, now):
+    message._header.srcSystem, message._header.srcComponent = 1, 1
+    telemetry.take(message, now)
+
+
+def test_since_when_the_autopilot_does_not_know_where_it_is():
+    telemetry = Telemetry(1, 2)
+    lost, found = (dialect.MAVLink_ekf_status_report_message(flags, *[0.1] * 5)
+                   for flags in (0xA7, 0x33F))  # fmt: skip
+    for now in (1.0, 2.0, 3.0):
+        heard(telemetry, lost, now)
+    assert telemetry.lost_time == 1.0
+    heard(telemetry, found, 4.0)
+    assert telemetry.lost_time == math.inf
+    heard(telemetry, lost, 5.0)
+    assert telemetry.lost_time == 5.0
+
+
+def test_only_answers_to_us_tell_of_the_round_trip():
+    telemetry = Telemetry(1, 2)
+    for there, back in ((0, 100 * 10**9), (1, 99 * 10**9), (1, 102 * 10**9), (1, 10**9)):
+        # A question; an answer; one from the future; one that is older than a minute.
+        heard(telemetry, dialect.MAVLink_timesync_message(there, back), 100.0)
+    assert list(telemetry.round_trips) == [pytest.approx(1.0)]
+
+
+def test_a_clock_that_jumps_is_noticed_and_then_followed():
+    telemetry = Telemetry(1, 2)
+
+    def position(boot, now):
+        heard(telemetry, dialect.MAVLink_local_position_ned_message(
+            round(boot * 1e3), *[0.0] * 6), now)  # fmt: skip
+
+    for k in range(10):
+        position(50.0 + 0.1 * k, 10.0 + 0.1 * k)
+    assert telemetry.jump_time == -math.inf
+    position(56.0, 11.0)
+    assert (telemetry.jump_time, telemetry.restarts) == (11.0, 0)
+    position(56.1, 11.1)
+    assert telemetry.jump_time == 11.0
+    position(0.5, 12.0)
+    assert (telemetry.jump_time, telemetry.restarts) == (12.0, 1)
+
+
 def test_a_command_that_is_not_finite_is_never_sent():
     end = peer()
-    link = Link(open_url(f"udpout:127.0.0.1:{end.getsockname()[1]}"), Telemetry(1, 2))
+    link = AutopilotLink(open_url(f"udpout:127.0.0.1:{end.getsockname()[1]}"), Telemetry(1, 2))
     with pytest.raises(ValueError, match="finite"):
         link.command(22, float("nan"))
     assert link.sent == 0

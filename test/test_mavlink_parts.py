@@ -1,4 +1,4 @@
-"""Load, episodes, hands and preflight of the bridge."""
+"""Load, episodes, joystick and preflight of the bridge."""
 
 import math
 from dataclasses import replace
@@ -11,10 +11,10 @@ from iolspi_ros.bench.flying import Flying
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.envelope import Motion
-from msg_bridge.mavlink.episode import Episode
-from msg_bridge.mavlink.ferry import Ferry
-from msg_bridge.mavlink.hands import HandSettings, grip
+from msg_bridge.mavlink.episode_clock import EpisodeClock
+from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.load import Fall, LoadObserver, swing
+from msg_bridge.mavlink.transit import Transit
 from sim_nodes.tasks.slung_load import SlungLoad
 
 TASK = SlungLoad()
@@ -57,13 +57,28 @@ def test_a_feed_finds_a_swing_that_nobody_knew_of():
         observer.move(0.0, 0.02)
 
 
+def test_a_gust_is_found_also_after_a_minute_in_which_nothing_happened():
+    observer = LoadObserver(1.0)
+    for k in range(3000):
+        if k % 5 == 0:
+            observer.measure(0.0)
+        observer.move(0.0, 0.02)
+    times, (angles, _) = swung(lambda t: 0.0, 3.0, (0.5, 0.0))
+    for k, angle in enumerate(angles):
+        if k % 5 == 0:
+            observer.measure(angle)
+        if times[k] > 2.0:
+            assert observer.angle == pytest.approx(angle, abs=0.15)
+        observer.move(0.0, 0.02)
+
+
 def test_angles_are_positive_to_the_right():
     assert swing(np.array([0.0, 0.0, -1.0])) == 0.0
     assert swing(np.array([1.0, 0.3, -1.0])) == pytest.approx(math.pi / 4)
     assert swing(np.array([-1.0, 0.0, 0.0])) == pytest.approx(-math.pi / 2)
 
 
-def test_where_a_falling_load_crosses_the_rim():
+def test_where_a_releasing_load_crosses_the_rim():
     """A parabola seen ten times a second: the chord is near."""
     fall, rim = Fall(4.0), None
     for t in np.arange(0.0, 1.0, 0.1):
@@ -78,7 +93,7 @@ def test_where_a_falling_load_crosses_the_rim():
 
 
 def episode():
-    return Episode(TASK, 4, 10.0, np.zeros(4))
+    return EpisodeClock(TASK, 4, 10.0, np.zeros(4))
 
 
 def test_an_episode_says_which_action_was_in_force_longest():
@@ -90,7 +105,7 @@ def test_an_episode_says_which_action_was_in_force_longest():
     assert e.due(10.1)
     seen = e.advance(10.1, np.array([-1.0, 0, 0, 0]))
     assert (seen.episode, seen.step, seen.action, seen.reward) == (4, 1, 2, 0.0)
-    assert e.advance(10.2, np.zeros(4)).action == TASK.neutral  # nothing was held
+    assert e.advance(10.2, np.zeros(4)).action == TASK.description.neutral  # nothing was held
     assert e.advance(10.3, np.zeros(4)).reward == 0.0
 
 
@@ -130,18 +145,18 @@ def test_a_drop_is_judged_where_it_landed(landing):
 def test_judging_what_was_flown_is_what_the_task_says():
     rng = np.random.default_rng(0)
     for _ in range(200):
-        state = rng.uniform(TASK.low, TASK.high)
+        state = rng.uniform(TASK.description.low, TASK.description.high)
         action = int(rng.integers(3))
         following, reward, terminated = TASK.step(state, action)
         assert TASK.judge(state, following) == (reward, bool(terminated))
 
 
-def test_the_ferry_brings_a_swinging_load_to_rest_elsewhere():
-    ferry = Ferry(1.0, 0.4)
+def test_transit_brings_a_swinging_load_to_rest_elsewhere():
+    transit = Transit(1.0, 0.4)
     x, v, a, angle, rate = 0.0, 0.0, 0.0, 0.8, 0.0
     for _ in range(round(12.0 / 0.02)):
         motion = Motion(x=x, speed=v, swing=angle, swing_rate=rate)
-        a += (ferry.along(-6.0, motion, 0.02) - a) * 0.02 / 0.3
+        a += (transit.along(-6.0, motion, 0.02) - a) * 0.02 / 0.3
         x, v = x + v * 0.02, v + a * 0.02
         rate -= (math.cos(angle) * a + 9.81 * math.sin(angle)) * 0.02
         angle += rate * 0.02
@@ -150,7 +165,7 @@ def test_the_ferry_brings_a_swinging_load_to_rest_elsewhere():
     assert max(abs(v), abs(angle), abs(rate)) < 0.1
 
 
-HANDS = HandSettings(deadman_button=0, takeover_button=1)
+PERSON = SafetyPilotSettings(deadman_button=0, takeover_button=1)
 
 
 @pytest.mark.parametrize(
@@ -168,14 +183,14 @@ HANDS = HandSettings(deadman_button=0, takeover_button=1)
         ([1, 1], [1.0], False, False, 0.0),  # who flew and fell silent keeps the vehicle, at rest
     ],
 )
-def test_what_hands_say(buttons, axes, fresh, deadman, stick):
-    found = grip(HANDS, buttons, axes, fresh=fresh)
+def test_what_a_person_at_the_joystick_does(buttons, axes, fresh, deadman, stick):
+    found = read_joystick(PERSON, buttons, axes, fresh=fresh)
     assert found.deadman is deadman
     assert found.stick == (None if stick is None else pytest.approx(stick))
 
 
 def test_without_buttons_nobody_is_waited_for():
-    assert grip(HandSettings(), [], [], fresh=False) == (True, None)
+    assert read_joystick(SafetyPilotSettings(), [], [], fresh=False) == (True, None, False)
 
 
 def test_an_autopilot_nobody_knows_is_refused():
@@ -193,8 +208,7 @@ def test_an_autopilot_nobody_knows_is_refused():
     ],
 )
 def test_a_preflight_that_fails_says_why(tmp_path, options, why):
-    flying = Flying(tmp_path, "ardupilot", **options)
-    flying.preflight._settings = type(flying.preflight._settings)(patience=6.0)
+    flying = Flying(tmp_path, "ardupilot", patience=6.0, **options)
     with pytest.raises(InputError, match=why), flying:
         pass
 
@@ -202,7 +216,7 @@ def test_a_preflight_that_fails_says_why(tmp_path, options, why):
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_without_its_parameters_nothing_flies(tmp_path, like, monkeypatch):
     profile = profiles.PROFILES[like]
-    changes = (*profile.changes, profiles.Change("NOT_THERE", 1.0, "to see"))
+    changes = (*profile.changes, profiles.ParameterChange("NOT_THERE", 1.0, "to see"))
     monkeypatch.setitem(profiles.PROFILES, like, replace(profile, changes=changes))
     flying = Flying(tmp_path, like)
     with pytest.raises(InputError, match=r"NOT_THERE .*cannot be read; without it nothing"), flying:
@@ -211,7 +225,7 @@ def test_without_its_parameters_nothing_flies(tmp_path, like, monkeypatch):
 
 def test_what_a_killed_bridge_had_changed_the_next_one_gives_back(tmp_path):
     with Flying(tmp_path, "px4") as killed:
-        values = killed.sitl.autopilot.parameters
+        values = killed.autopilot.parameters
         assert values["COM_OF_LOSS_T"] == 0.5
         with_memory = killed.preflight
         killed.preflight.run()  # another bridge, on the same vehicle and the same file

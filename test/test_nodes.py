@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import spin_until
+from conftest import Peer
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from iolspi_ros import bags, qos, runtime, wire
+from iolspi_ros import bags, qos, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
@@ -29,44 +27,6 @@ CONFIG = find("config", "pendulum.yaml")
 TASK = Pendulum.description
 STATES = wire.states(TASK)
 AT_ONCE = ("-p", "wait_for_demonstrations:=false")
-
-
-class Peer:
-    """A node in this process that listens and talks; also in a vehicle's place."""
-
-    def __init__(self, rclpy):
-        self.node = rclpy.create_node("peer")
-        self.executor = runtime.executor()
-        self.executor.add_node(self.node)
-        self.heard = {}
-
-    def listen(self, topic, kind, profile=qos.CONTROL):
-        self.heard[topic] = []
-        self.node.create_subscription(kind, topic, self.heard[topic].append, profile)
-
-    def publisher(self, topic, kind, profile=qos.CONTROL):
-        return self.node.create_publisher(kind, topic, profile)
-
-    def be_vehicle(self, task=TASK):
-        """Say what the task is; the publisher lives as long as the peer."""
-        publisher = self.publisher("task", String, qos.LATCHED)
-        publisher.publish(wire.task_message(task))
-        return publisher
-
-    def until(self, ready, deadline=60.0):
-        spin_until(self.executor, ready, deadline)
-
-    def call(self, kind, name, request):
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
-
-    def set(self, node, **values):
-        request = SetParameters.Request()
-        request.parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
-        return self.call(SetParameters, f"/{node}/set_parameters", request).results
 
 
 @pytest.fixture
@@ -246,7 +206,7 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
     peer.listen("/diagnostics", DiagnosticArray, qos.OUTGOING)
     state_out = peer.publisher("state", JointState)
     reward_out = peer.publisher("reward", Float64MultiArray)
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     nodes.start("learner", *AT_ONCE)
     peer.until(lambda: state_out.get_subscription_count() and reward_out.get_subscription_count())
     rows = wire.RewardRows()
@@ -281,7 +241,7 @@ def test_states_that_are_no_numbers_are_counted_and_the_graph_goes_on(nodes, pee
 def test_a_demonstration_of_no_numbers_is_refused_and_another_awaited(nodes, peer):
     sample_out = peer.publisher("sample", Float64MultiArray, qos.SAMPLES)
     demonstration_out = peer.publisher("demonstration", Float64MultiArray, qos.LATCHED)
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     nodes.start("learner", "-p", "vehicle_timeout:=0.0")
     peer.until(lambda: sample_out.get_subscription_count())
     rows, ends = wire.SampleRows(TASK.names), wire.Rows("demonstration", wire.DEMONSTRATION)
@@ -297,7 +257,7 @@ def test_a_demonstration_of_no_numbers_is_refused_and_another_awaited(nodes, pee
 
 def test_a_learner_interrupted_while_learning_offline_ends_soon_and_saves(nodes, peer, tmp_path):
     path = tmp_path / "c.npz"
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     nodes.start(
         "learner", "-p", "centers:=[21, 21]", "-p", "chi:=0.0", "-p", "max_iterations:=100000",
         "-p", f"checkpoint:={path}",
@@ -353,7 +313,7 @@ def test_a_simulator_that_starts_anew_is_answered_again(nodes, peer):
 
 
 def test_a_stopped_learner_makes_the_demonstrator_wait_and_nothing_is_lost(nodes, peer):
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     learner = nodes.start("learner", "-p", "vehicle_timeout:=0.0")
     nodes.start("demonstrator", "-p", f"bags:=[{SET_5}, {SET_5}]")
     nodes.wait_for("demonstrator", "6300 samples")
@@ -421,7 +381,7 @@ def test_a_stopped_demonstrator_closes_its_bag(nodes, peer, tmp_path):
 
 def test_a_replay_can_keep_the_recorded_time(nodes, peer):
     """31.6 s of vehicle time at twenty times the speed: never faster than that."""
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     peer.listen("sample", Float64MultiArray, qos.SAMPLES)
     peer.listen("demonstration", Float64MultiArray, qos.LATCHED)
     nodes.start("demonstrator", "-p", f"bags:=[{SET_5}]", "-p", "rate:=20.0")
@@ -460,7 +420,7 @@ def test_without_a_joystick_nothing_is_recorded(nodes, peer, tmp_path):
 def test_a_checkpoint_of_before_is_never_overwritten(nodes, peer, tmp_path):
     path = tmp_path / "policy.npz"
     path.write_bytes(b"what another learner learned")
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     nodes.start("learner", *AT_ONCE, "-p", f"checkpoint:={path}")
     nodes.wait_for("learner", "acting on")
     assert nodes.end("learner") == 0
@@ -556,7 +516,7 @@ def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(nodes, peer, tmp_path):
     whole = next(SET_5.glob("*.mcap")).read_bytes()
     (path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     peer.listen("demonstration", Float64MultiArray, qos.LATCHED)
-    peer.be_vehicle()
+    peer.be_vehicle(TASK)
     nodes.start("demonstrator", "-p", f"bags:=[{path}]", "-p", "learner_timeout:=0.0")
     nodes.wait_for("demonstrator", "was cut off: it was not closed, and its last")
     nodes.start("learner")

@@ -64,9 +64,7 @@ def test_lost_doubled_and_out_of_order_messages_form_no_wrong_transition(lengths
     arrived = {}
     for topic, message in kept:
         stamp = (
-            message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-            if topic == "state"
-            else wire.join(message.data[2], message.data[3])
+            STATES.state(message)[1] if topic == "state" else wire.join(*REWARDS.read(message)[2:4])
         )
         arrived.setdefault(stamp, set()).add(topic)
     whole, stamp = set(), 0

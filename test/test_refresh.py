@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from iolspi_ros.core import judge
 from iolspi_ros.core.dual import DualSystem
@@ -8,11 +9,12 @@ from iolspi_ros.core.learner import update as learn
 from iolspi_ros.core.lspi import BlockSystem
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
-from iolspi_ros.core.refresh import refresh
+from iolspi_ros.core.refresh import DELTAS, refresh
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.core.solve import solve_system
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy, policy_of
 from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.task import Action, TaskDescription, Variable
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.world import World, WorldSettings
 
@@ -132,6 +134,81 @@ def test_the_policy_in_use_stays_when_none_is_better():
     if not again.judgement.delta:
         assert again.weights is core.weights
     assert again.judgement.predicted >= again.judgement.before * (1 + judge.MARGIN)
+
+
+def test_a_policy_that_is_no_better_is_not_taken():
+    """Each new policy must promise a margin more, so after some rounds there is none."""
+    core = learner()
+    core.pretrain(uniform(3000))
+    weights, promised = core.weights, []
+    for _ in range(40):
+        found = refresh(
+            core.buffer, 0, core.features, core.task, core.settings, weights, core.starts
+        )
+        if found.weights is weights:
+            break
+        promised.append((found.judgement.before, found.judgement.predicted))
+        weights = found.weights
+    else:
+        pytest.fail("there was always a new policy")
+    assert found.judgement.policies > 1  # there were others to choose from
+    assert found.judgement.delta == 0.0
+    assert found.judgement.predicted == found.judgement.before
+    assert "the weights before stay" in found.judgement.describe()
+    assert all(after > before for before, after in promised)
+
+
+def test_an_update_without_a_better_policy_says_so():
+    core = learner(update_interval=1)
+    core.pretrain(uniform(3000))
+    row = uniform(60, seed=5)
+    updates = []
+    for transition in row:
+        before = core.weights
+        core.observe(transition)
+        updates.append(learn(core))
+        assert updates[-1].accepted == (core.weights is not before)
+    assert {update.accepted for update in updates} >= {False}
+
+
+@pytest.mark.parametrize("algorithm", ["refreshed", "literal"])
+def test_values_that_such_rewards_cannot_add_up_to_are_refused(algorithm):
+    """φ(s') = φ(s) / γ: the fixed point is a division by δ, and every number is a healthy one."""
+    task = TaskDescription("slide", (Variable("x", low=-1.0, high=1.0),), (Action("go"),), 0.1)
+    settings = LSPISettings(algorithm=algorithm, centers=(3,), update_interval=5, delta=1e-4)
+    one = settings.resolve(task).features()
+
+    class Middle:
+        """The function in the middle alone."""
+
+        size, table = 1, one.table
+
+        def __call__(self, states, terminated=None):
+            return one(states, terminated)[:, 1:2]
+
+        def along(self, batch):
+            return self(batch.state), self(batch.next_state, batch.terminated)
+
+    core = OnlineLSPI(task, settings, np.random.default_rng(0))
+    core.features, core.weights = Middle(), np.zeros((1, 1))
+    core.moments = type(core.moments).empty(1, 1, settings.delta)
+
+    def place(height):
+        where = brentq(lambda x: core.features(np.array([[x]]))[0, 0] - height, 0.0, 3.0)
+        return np.array([where])
+
+    top = core.features(np.zeros((1, 1)))[0, 0]
+    state, after = place(0.6 * top), place(0.6 * top / task.gamma)
+    before = core.weights
+    for _ in range(5):
+        core.observe(Transition(state, 0, 1.0, after))
+    found = learn(core)
+    assert found.solve.status == "diverging"
+    assert (found.accepted, found.healthy) == (False, False)
+    np.testing.assert_array_equal(core.weights, before)
+    if algorithm == "refreshed":
+        assert found.judgement.policies == 1  # the one in use
+        assert found.judgement.refused >= len(DELTAS)
 
 
 def test_solves_that_are_not_healthy_are_never_flown():

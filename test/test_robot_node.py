@@ -1,7 +1,6 @@
 """The vehicle node with a robot of plain rclpy: from its file alone to a policy, and bad cases."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -191,7 +190,7 @@ def test_a_person_teaches_it_by_joystick_and_it_is_a_bag(nodes, example, tmp_pat
     assert all(s.transition.terminated for s in found.samples if s.transition.reward == 10.0)
 
 
-@pytest.mark.skipif("IOLSPI_SLOW" not in os.environ, reason="minutes; set IOLSPI_SLOW")
+@pytest.mark.slow
 def test_it_learns_to_park(nodes, node, example, tmp_path):
     test_a_person_teaches_it_by_joystick_and_it_is_a_bag(nodes, example, tmp_path)
     for name in ("demonstrator", "teacher"):

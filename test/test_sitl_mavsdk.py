@@ -12,6 +12,7 @@ from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
 from sim_nodes.autopilot.server import Sitl
 
+pytestmark = pytest.mark.slow
 SPEED_UP = 2.0
 
 

@@ -38,7 +38,7 @@ def stream(peer, speed=(0, 0, 0)):
 
 def now_in(peer, mode):
     """Whether it does a mode, without waiting for a heartbeat."""
-    return peer.autopilot.profile.modes[peer.autopilot.commander.mode] == mode
+    return peer.autopilot.firmware.modes[peer.autopilot.commander.mode] == mode
 
 
 def test_heartbeat():
@@ -104,7 +104,7 @@ def test_the_stream_decides(rate, modes):
     for _ in range(10):
         for _ in range(round(1.0 / rate / 0.01)):
             peer.run(0.01)
-            seen.add(peer.autopilot.profile.modes[peer.autopilot.commander.mode])
+            seen.add(peer.autopilot.firmware.modes[peer.autopilot.commander.mode])
         step(None)
     assert seen == modes
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.bench import latency
-from iolspi_ros.bench.flying import Act, Dying, Flying, lost
+from iolspi_ros.bench.flying import PATIENT, Act, Dying, Flying, lost
 from iolspi_ros.bench.rows import Row, at_least, at_most
+from iolspi_ros.bench.worlds import RealTime
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
-from msg_bridge.mavlink.authority import Timeouts
 from msg_bridge.mavlink.phases import Phase
 from sim_nodes.tasks.slung_load import CABLE, DUNK, WALL
 
@@ -26,10 +27,10 @@ MEASUREMENTS = 2 + len(LIKES) * (1 + REPEATED)
 
 
 def learned() -> Act:
-    """IOLSPI: taught by shipped set 5, then 500 episodes on the model; greedy from then on."""
-    world, learner = prepare("slung_load", find("config", "slung_load.yaml"), 0)
+    """IOLSPI: pretrained on shipped set 5, then 500 episodes on the model; greedy from then on."""
+    world, learner, _ = prepare("slung_load", find("config", "slung_load.yaml"), 0)
     bag = find("demos", "slung_load", "set_5")
-    learner.inform(read_demonstration(bag, "slung_load", world.task.joints).transitions(4))
+    learner.pretrain(read_demonstration(bag, world.task.description).transitions())
     train(world, learner, 500, Listener())
     return lambda seen: learner.act(seen.state, explore=False)[0]
 
@@ -58,8 +59,11 @@ def rows(show: Callable[[int], None]) -> list[Row]:
 
 def flown(folder: Path, like: str, act: Act, episodes: int = EPISODES) -> list[Row]:
     """Episodes flown by a policy that was warm-started from demonstrations."""
-    with Flying(folder, like, act, factor=2.0, episodes=episodes, seed=2) as f:
-        f.until(lambda: f.flight.phase is Phase.DOWN, 60.0 + 20.0 * episodes)
+    world = partial(RealTime, factor=2.0)
+    with Flying(
+        folder, like, act, world=world, factor=2.0, timeouts=PATIENT, episodes=episodes, seed=2
+    ) as f:
+        f.until(lambda: f.flight.phase is Phase.DOWN, 120.0 + 40.0 * episodes)
         rewards = np.array([end.reward for end in f.ends])
         crashes = np.isin(rewards, (WALL, CABLE)).sum() + f.broken
         violations = f.flight.violations
@@ -74,10 +78,9 @@ def flown(folder: Path, like: str, act: Act, episodes: int = EPISODES) -> list[R
 def left_alone(folder: Path, like: str, tick: Callable[[], None]) -> list[Row]:
     """A learner that is lost while it accelerates by 3 m/s² from rest, in real time."""
     lates, distances = [], []
+    world = partial(RealTime, factor=1.0)
     for seed in range(REPEATED):
-        with Flying(
-            folder, like, factor=1.0, timeouts=Timeouts(), initial="narrow", seed=seed
-        ) as f:
+        with Flying(folder, like, world=world, initial="narrow", seed=seed) as f:
             f.act = dying = Dying(f.task, 3)
             late, distance = lost(f, dying)
         lates.append(late)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
-import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,50 +10,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.bench.worlds import FlightWorld, Stepped
 from iolspi_ros.core.samples import Observation
-from msg_bridge.mavlink.authority import Commander, Timeouts
+from msg_bridge.mavlink.arbiter import Authority, Timeouts
 from msg_bridge.mavlink.envelope import Limits, violation
 from msg_bridge.mavlink.flight import Flight
-from msg_bridge.mavlink.link import Link
+from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.phases import Phase
-from msg_bridge.mavlink.preflight import Item, Preflight
-from msg_bridge.mavlink.runner import Clock, Runner
+from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
+from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
-from msg_bridge.mavlink.transport import open_url
-from msg_bridge.mavlink.voice import report
+from sim_nodes.autopilot.autopilot import Autopilot
 from sim_nodes.autopilot.dynamics import LOAD, POSITION, VELOCITY
-from sim_nodes.autopilot.server import Sitl
-from sim_nodes.pilots import SlungLoadPerform
 from sim_nodes.tasks.slung_load import SlungLoad
+from sim_nodes.tasks.slung_load.pilot import Perform
 
 Array = NDArray[np.float64]
 Act = Callable[[Observation], int | None]
 """What somebody does with an observation; None for nothing."""
 
-FACTOR = 4.0
-"""Vehicle seconds per second."""
 GRIPPER = {"GRIP_ENABLE": 1.0, "SERVO9_FUNCTION": 28.0}
 """What ArduCopter must have booted with to have a gripper."""
 PATIENT = Timeouts(action_timeout=0.3, telemetry_timeout=0.6, round_trip_limit=0.5)
 """For clocks that run faster: delays of a machine with other work count as many times."""
 
 
-def parameters(like: str, factor: float, **changed: float) -> dict[str, float]:
+def parameters(like: str, **changed: float) -> dict[str, float]:
     """What the embedded autopilot boots with, for a load that reports itself and can be let go."""
-    known = {"SIM_SPEEDUP": factor, "SIM_LOAD_RATE": 20.0}
+    known = {"SIM_LOAD_RATE": 20.0}
     return known | (GRIPPER if like == "ardupilot" else {}) | changed
 
 
 def pilot(task: SlungLoad) -> Act:
     """Who swings the load in and drops it, with more verve than the scripted pilot."""
-    law = SlungLoadPerform(task, np.random.default_rng(0))
+    law = Perform()
     law.swing, law.margin = 2.5, 1.3
     return lambda seen: law.decide(seen.state, 0.0)
 
 
 class Flying:
-    """A vehicle that takes off; `act` answers its observations in a thread of its own.
+    """A vehicle that takes off; `act` answers its observations.
 
     Parameters
     ----------
@@ -66,8 +61,10 @@ class Flying:
         px4 or ardupilot.
     act : callable, optional
         A pilot who knows how by default.
+    world : callable
+        Makes the world: `Stepped`, or `RealTime` with a factor of its own.
     factor : float
-        Vehicle seconds per second.
+        Vehicle seconds per second that the bridge expects.
     timeouts : Timeouts
     system : int
         Whom the bridge expects.
@@ -75,8 +72,12 @@ class Flying:
         Of the autopilot's and the bridge's signatures.
     initial : str
         Of the task.
+    patience : float
+        Of the preflight [s].
     autopilot : dict of str to float, optional
         Parameters that the autopilot boots with.
+    seed : int
+        Of the world, and of the flight.
     **settings
         Of the flight.
     """
@@ -87,50 +88,44 @@ class Flying:
         like: str,
         act: Act | None = None,
         *,
-        factor: float = FACTOR,
-        timeouts: Timeouts = PATIENT,
+        world: Callable[..., FlightWorld] = Stepped,
+        factor: float = 1.0,
+        timeouts: Timeouts | None = None,
         system: int = 1,
         keys: tuple[bytes | None, bytes | None] = (None, None),
         initial: str = "wide",
+        patience: float = 20.0,
         autopilot: dict[str, float] | None = None,
+        seed: int = 0,
         **settings: Any,
     ) -> None:
         self.task, self.limits = SlungLoad(initial=initial), Limits()
-        self.sitl = Sitl(
-            like, ["udpin:127.0.0.1:0", "udpin:127.0.0.1:0"],
-            parameters(like, factor, **(autopilot or {})), ready_after=2.0, key=keys[0],
-        )  # fmt: skip
-        (host, port), self.other = self.sitl.addresses
+        self.world = world(like, parameters(like, **(autopilot or {})), seed, keys[0])
+        self.clock = self.world.clock
         self.telemetry = Telemetry(system, 2)
-        log = folder / "flight.tlog"
-        self.link = Link(open_url(f"udpout:{host}:{port}"), self.telemetry, keys[1], log)
-        self.settings = FlightSettings(real_time_factor=factor, **settings)
-        self.clock = Clock(factor)
-        self.checklist: list[Item] = []
+        self.log = folder / "flight.tlog"
+        self.link = AutopilotLink(self.world.connect(), self.telemetry, keys[1], self.log)
+        self.settings = FlightSettings(real_time_factor=factor, seed=seed, **settings)
+        self.checklist: list[ChecklistItem] = []
         self.said: list[tuple[float, str, str]] = []
         self.seen: list[tuple[float, Observation]] = []
         self.sent: list[tuple[float, Any]] = []
+        self.changes: list[AuthorityChange] = []
         self.preflight = Preflight(
-            self.link, LinkSettings(patience=20.0), self.settings, self.clock.now,
+            self.link, LinkSettings(patience=patience), self.settings, self.clock,
             folder / "before.json", self.checklist.append,
         )  # fmt: skip
         self.act = act or pilot(self.task)
-        self._timeouts = timeouts
-        self._queue: queue.SimpleQueue[Observation | None] = queue.SimpleQueue()
-        self._stack = contextlib.ExitStack()
+        self._timeouts = timeouts or Timeouts()
+        self._queue: queue.SimpleQueue[Observation] = queue.SimpleQueue()
 
     def __enter__(self) -> Flying:
-        self._stack.enter_context(self.sitl)
+        self.world.open()
         try:
             self.profile = self.preflight.run()
         except BaseException:
-            self._stack.close()
-            self.link.close()
+            self.__exit__()
             raise
-        self.flight = Flight(
-            self.task, self.link, self.profile, self.settings, self.limits, self._timeouts,
-            self._show, self._say,
-        )  # fmt: skip
         send = self.link.send
 
         def tapped(message: Any) -> bool:
@@ -138,18 +133,27 @@ class Flying:
             return send(message)
 
         self.link.send = tapped  # type: ignore[method-assign]
-        self.runner = Runner(self.flight, self.clock, self._say)
-        self._actor = threading.Thread(target=self._answer, daemon=True)
-        self._actor.start()
-        self.flight.begin(self.clock.now())
+        self.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._queue.put(None)
-        self._actor.join()
-        self.runner.stop()
+        self.world.close()
         self.link.close()
-        self._stack.close()
+
+    def start(self) -> None:
+        """Begin to fly, as a bridge does that was just configured and activated."""
+        self.flight = Flight(
+            self.task, self.link, self.profile, self.settings, self.limits, self._timeouts,
+            Outputs(self._show, self._say, self.changes.append),
+        )  # fmt: skip
+        self.runner = Runner(self.flight, self.clock, self._say)
+        self.world.run(self.runner, self._answer)
+        self.flight.begin(self.clock.now())
+
+    def kill(self) -> None:
+        """Let the bridge die."""
+        self.runner.stop()
+        self.world.run(None, lambda: False)
 
     # ------------------------------------------------------------ who is told
 
@@ -160,27 +164,32 @@ class Flying:
     def _say(self, level: str, text: str) -> None:
         self.said.append((self.clock.now(), level, text))
 
-    def _answer(self) -> None:
-        while (observation := self._queue.get()) is not None:
-            action = None if observation.last else self.act(observation)
-            if action is not None:
-                self.flight.take(observation.episode, observation.step, action, self.clock.now())
+    def _answer(self) -> bool:
+        """Answer the next observation; False when there is none."""
+        try:
+            observation = self._queue.get_nowait()
+        except queue.Empty:
+            return False
+        action = None if observation.last else self.act(observation)
+        if action is not None:
+            self.flight.act(observation.episode, observation.step, action, self.clock.now())
+        return True
 
     # ------------------------------------------------------------ to wait and to look
 
-    def until(self, ready: Callable[[], bool], deadline: float = 40.0) -> None:
+    def until(self, ready: Callable[[], bool], deadline: float = 160.0) -> None:
         """Wait for something.
 
         Raises
         ------
         TimeoutError
-            After `deadline` seconds of the machine, with all that was said.
+            After `deadline` of vehicle time [s], with all that was said.
         """
-        end = time.monotonic() + deadline
+        end = self.clock.now() + deadline
         while not ready():
-            if time.monotonic() > end:
-                raise TimeoutError(f"{report(self.flight)}\n{self.words()}")
-            time.sleep(0.002)
+            if self.clock.now() > end:
+                raise TimeoutError(f"{self.flight.status()}\n{self.words()}")
+            self.world.wait()
 
     def words(self) -> str:
         """All that was said to people."""
@@ -193,17 +202,22 @@ class Flying:
     def wait(self, seconds: float) -> None:
         """Let vehicle time pass."""
         end = self.clock.now() + seconds
-        self.until(lambda: self.clock.now() >= end, 60.0)
+        self.until(lambda: self.clock.now() >= end - 1e-9, 2.0 * seconds + 60.0)
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """The embedded one."""
+        return self.world.autopilot
 
     def change(self, name: str, value: float) -> None:
         """Set a parameter of the autopilot, or of the world around it."""
-        with self.sitl.lock:
-            self.sitl.autopilot.change(name, value)
+        with self.world.lock():
+            self.autopilot.change(name, value)
 
     def body(self) -> Array:
         """The truth, ENU: position and velocity of the quadrotor, position of the load; (3, 3)."""
-        with self.sitl.lock:
-            state = self.sitl.autopilot.body.state.copy()
+        with self.world.lock():
+            state = self.autopilot.body.state.copy()
         ned = np.array([state[POSITION], state[VELOCITY], state[LOAD]])
         swapped: Array = ned[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
         return swapped
@@ -216,14 +230,14 @@ class Flying:
     @property
     def broken(self) -> bool:
         """Whether the vehicle has hit the ground too fast."""
-        return bool(self.sitl.autopilot.body.broken)
+        return bool(self.autopilot.body.broken)
 
     @property
     def ends(self) -> list[Observation]:
         """Last observations of the episodes so far."""
         return [seen for _, seen in self.seen if seen.last]
 
-    def episodes(self, n: int, deadline: float = 60.0) -> list[Observation]:
+    def episodes(self, n: int, deadline: float = 240.0) -> list[Observation]:
         """Wait until `n` more episodes have been flown; their ends."""
         until = len(self.ends) + n
         self.until(lambda: len(self.ends) >= until, deadline)
@@ -234,10 +248,14 @@ class Flying:
         self.until(
             lambda: (
                 self.flight.phase is Phase.EPISODE
-                and self.flight.verdict.commander is Commander.ACTOR
+                and self.flight.ruling.authority is Authority.ACTOR
                 and self.flight.step >= step
             )
         )
+
+    def in_air(self) -> None:
+        """Wait until it is on the way to the first episode."""
+        self.until(lambda: self.flight.phase is Phase.TRANSIT)
 
     def setpoints(self, since: float) -> list[tuple[float, Any]]:
         """Times and messages of the setpoints sent."""
@@ -286,9 +304,8 @@ def lost(flying: Flying, dying: Dying) -> tuple[float, float]:
     f = flying
     f.until(lambda: dying.left <= 0)
     start = f.body()[0]
-    f.until(lambda: f.flight.verdict.commander is not Commander.ACTOR)
-    episode = f.flight.episode
-    begun = f.clock.now() if episode is None else episode.answered_time
+    f.until(lambda: f.flight.ruling.authority is not Authority.ACTOR)
+    begun = f.flight.answered_time or f.clock.now()
     f.until(lambda: f.flight.phase is not Phase.EPISODE)
     f.until(lambda: f.speed < 0.15)
     distance = float(np.linalg.norm(f.body()[0][:2] - start[:2]))

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from iolspi_ros import graph, qos, wire
 from iolspi_ros.bench.flying import parameters
 from iolspi_ros.bench.rows import Row, at_most
-from iolspi_ros.core.online import Source
+from iolspi_ros.core.learner import Source
 from msg_bridge.mavlink.codec import Codec
 from sim_nodes.tasks.slung_load import SlungLoad
 
@@ -116,7 +116,9 @@ def rows(folder: Path, samples: int = SAMPLES) -> list[Row]:
     context = multiprocessing.get_context("spawn")
     solver = context.Process(target=_solve, daemon=True)
     solver.start()
-    with Sitl("px4", ["udpin:127.0.0.1:0"], parameters("px4", FACTOR), ready_after=2.0) as sitl:
+    with Sitl(
+        "px4", ["udpin:127.0.0.1:0"], parameters("px4", SIM_SPEEDUP=FACTOR), ready_after=2.0
+    ) as sitl:
         tap = Tap(sitl.addresses[0])
         try:
             asked = _answer(folder, f"udpout:127.0.0.1:{tap.address[1]}", samples)
@@ -125,7 +127,7 @@ def rows(folder: Path, samples: int = SAMPLES) -> list[Row]:
             solver.terminate()
             solver.join()
     passed, values = (np.array(part) for part in zip(*tap.passed, strict=True))
-    step = SlungLoad.dt / FACTOR
+    step = SlungLoad.description.sampling_time / FACTOR
     measured = 1e3 * delays(np.array(asked), passed, values, step)
     return [
         at_most("action to wire, median", float(np.median(measured)), "ms", 1.0),
@@ -183,5 +185,5 @@ def _solve() -> None:
     parent = os.getppid()
     bag = find("demos", "slung_load", "set_5")
     while os.getppid() == parent:
-        world, learner = prepare("slung_load", find("config", "slung_load.yaml"), 0)
-        learner.inform(read_demonstration(bag, "slung_load", world.task.joints).transitions(4))
+        world, learner, _ = prepare("slung_load", find("config", "slung_load.yaml"), 0)
+        learner.pretrain(read_demonstration(bag, world.task.description).transitions())

@@ -91,7 +91,7 @@ class _Show:
     def __call__(self, autopilot: Any) -> None:
         commander = autopilot.commander
         armed = "armed" if commander.armed else "disarmed"
-        said = f"{autopilot.profile.names[commander.mode]}, {armed}"
+        said = f"{autopilot.firmware.names[commander.mode]}, {armed}"
         if said != self._said:
             self._said = said
             console.print(f"{autopilot.now:.1f} s: {said}")

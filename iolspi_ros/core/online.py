@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 STARTS_KEPT = 32
 """Latest states in which episodes began, from which policies are judged."""
+_SOURCES = tuple(Source)
 _EXPLOIT, _EXPLORE, _SHIELD = int(Source.EXPLOIT), int(Source.EXPLORE), int(Source.SHIELD)
 
 
@@ -64,34 +65,38 @@ def epsilon_at(exploring: tuple[float, float, float, float], step: int) -> float
 
 @njit(cache=True)
 def choose(memory: Choice, rng: np.random.Generator, step: int, state: Array) -> tuple[int, int]:
-    """Action and its source (T Algorithm 2, line 5)."""
+    """Action and its source (T Algorithm 2, line 5); one of several of the same value at random.
+
+    `OnlineLSPI.act` draws the same in Python: taking a generator over into compiled code costs
+    more than all the rest of a single choice.
+    """
     if rng.random() < epsilon_at(memory.exploring, step):
         return guarded(memory, state, int(rng.integers(0, len(memory.weights))), _EXPLORE)
-    return choose_greedily(memory, rng, step, state)
+    action, count = greedy_action(memory, state, 0)
+    if count > 1:
+        action, _ = greedy_action(memory, state, int(rng.integers(0, count)))
+    return guarded(memory, state, action, _EXPLOIT)
 
 
 @njit(cache=True)
-def choose_greedily(
-    memory: Choice, rng: np.random.Generator, step: int, state: Array
-) -> tuple[int, int]:
-    """The same without exploring: the action of the largest value, one of several at random."""
+def greedy_action(memory: Choice, state: Array, which: int) -> tuple[int, int]:
+    """One of the actions of the largest value, counted from 0, and how many there are.
+
+    Values that are no numbers are all as good as another.
+    """
     q = memory.q
     weigh(memory.table, memory.weights, state, memory.factors, memory.phi, q)
-    action, count = 0, 0
+    most, count, action = q[0], 0, 0
     for a in range(len(q)):
-        if q[a] > q[action]:
-            action = a
+        if q[a] > most:
+            most = q[a]
+    none = not (q == most).any()
     for a in range(len(q)):
-        count += q[a] == q[action]
-    if count != 1:  # none of them equals another when they are no numbers: any may be meant
-        left = int(rng.integers(0, count if count else len(q)))
-        for a in range(len(q)):
-            if not count or q[a] == q[action]:
-                if left == 0:
-                    action = a
-                    break
-                left -= 1
-    return guarded(memory, state, action, _EXPLOIT)
+        if none or q[a] == most:
+            if count == which:
+                action = a
+            count += 1
+    return action, count
 
 
 @njit(cache=True)
@@ -298,10 +303,17 @@ class OnlineLSPI:
         action : int
         source : Source
         """
-        decide = choose if explore else choose_greedily
-        action, source = decide(self._choice, self.rng, self.step, state)
-        self.vetoes += source == _SHIELD
-        return action, Source(source)
+        memory, rng = self._choice, self.rng
+        if explore and rng.random() < epsilon_at.py_func(memory.exploring, self.step):
+            action, source = int(rng.integers(0, self.task.n_actions)), _EXPLORE
+        else:
+            (action, count), source = greedy_action(memory, state, 0), _EXPLOIT
+            if count > 1:
+                action, _ = greedy_action(memory, state, int(rng.integers(0, count)))
+        if memory.guard.active:
+            action, source = guarded(memory, state, action, source)
+            self.vetoes += source == _SHIELD
+        return action, _SOURCES[source]
 
     def kernel(self, most: int) -> Kernel:
         """The same choice for a compiled loop, and room for what happens there."""

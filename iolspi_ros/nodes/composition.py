@@ -6,7 +6,6 @@ listens to. The bits that come of it are those of two processes.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from iolspi_ros import runtime
@@ -52,8 +51,8 @@ class Composition:
 def main() -> int:
     """Run them; a demonstrator among them when it is given bags."""
 
-    def make() -> Composition:
-        demonstrator = any("bags:=" in argument for argument in sys.argv)
-        return Composition(sys.argv, demonstrator=demonstrator)
+    def make(arguments: Sequence[str]) -> Composition:
+        demonstrator = any("bags:=" in argument for argument in arguments)
+        return Composition(arguments, demonstrator=demonstrator)
 
     return runtime.main(make, "graph")

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
+from sim_nodes.tasks.base import G
+from sim_nodes.tasks.slung_load import SlungLoad
 
-_G = 9.81  # [m/s²]
 _ROOM = 0.3  # that braking leaves to the end of the box, and that beyond it is no violation [m]
 _SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
@@ -52,7 +53,7 @@ class Limits(Settings):
     """The envelope. Beyond it the bridge takes over."""
 
     box: tuple[float, ...] = setting(
-        (-6.5, 3.0), "along the track: least and greatest x [m]: the walls"
+        SlungLoad.walls, "along the track: least and greatest x [m]: the walls"
     )
     corridor: float = setting(2.0, "greatest distance from the track [m]", low=0.1, high=1e3)
     heights: tuple[float, ...] = setting((2.0, 9.0), "least and greatest height [m]")
@@ -65,7 +66,7 @@ class Limits(Settings):
     response: float = setting(
         0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
     )
-    cable: float = setting(1.0, "length of the cable [m]", low=0.05, high=100.0)
+    cable: float = setting(SlungLoad.length, "length of the cable [m]", low=0.05, high=100.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -178,7 +179,7 @@ def _swing_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
 
     E = ω²/2 + g/L (1 - cos θ) changes with -a ω cos θ / L.
     """
-    gravity = _G / limits.cable
+    gravity = G / limits.cable
     energy = 0.5 * motion.swing_rate**2 + gravity * (1.0 - math.cos(motion.swing))
     most = gravity * (1.0 - math.cos(_SWING_SHARE * limits.swing))
     gain = -motion.swing_rate * math.cos(motion.swing) / limits.cable

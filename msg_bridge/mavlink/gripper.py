@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from msg_bridge.mavlink.link import Link
-from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.settings import FlightSettings
 
 _COMMANDS = {
@@ -23,12 +23,14 @@ class Gripper:
 
     Parameters
     ----------
-    link : Link
-    profile : Profile
+    link : AutopilotLink
+    profile : AutopilotProfile
     settings : FlightSettings
     """
 
-    def __init__(self, link: Link, profile: Profile, settings: FlightSettings) -> None:
+    def __init__(
+        self, link: AutopilotLink, profile: AutopilotProfile, settings: FlightSettings
+    ) -> None:
         self._link, self._settings = link, settings
         self._how = profile.release if settings.release == "auto" else settings.release
         self._command = _COMMANDS[self._how]

@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from msg_bridge.mavlink.codec import Codec
-from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.telemetry import Telemetry, parameter_raw
 from msg_bridge.mavlink.transport import Transport
 
@@ -31,7 +31,7 @@ _BEAT = 1.0  # between our heartbeats [s]
 _SYNC = 0.5  # between two measurements of the round trip [s]
 
 
-class Link:
+class AutopilotLink:
     """Speaks MAVLink with one system; thread-safe.
 
     Parameters
@@ -120,7 +120,7 @@ class Link:
         for message, rate in RATES.items():
             self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
 
-    def ask_mode(self, profile: Profile, custom_mode: int) -> None:
+    def ask_mode(self, profile: AutopilotProfile, custom_mode: int) -> None:
         """Ask for a mode; whether it was taken only a heartbeat tells."""
         self.command(dialect.MAV_CMD_DO_SET_MODE, 1.0, *profile.mode_halves(custom_mode))
 
@@ -138,7 +138,7 @@ class Link:
             dialect.MAVLink_param_request_read_message(*self.target, name.encode("ascii"), -1)
         )
 
-    def set_parameter(self, profile: Profile, name: str, value: float, kind: int) -> None:
+    def set_parameter(self, profile: AutopilotProfile, name: str, value: float, kind: int) -> None:
         """Set a parameter; the answer is in `telemetry.parameters`."""
         self.send(
             dialect.MAVLink_param_set_message(

@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_nodes.tasks.base import G
+
 Array = NDArray[np.float64]
 
-_G = 9.81  # [m/s²]
 _STEP = 0.02  # longest step of the integration [s]
 
 
@@ -60,9 +61,9 @@ class LoadObserver:
 
     def _advance(self, a: float, h: float) -> None:
         sine, cosine = math.sin(self.angle), math.cos(self.angle)
-        stiffness = (a * sine - _G * cosine) / self._cable
+        stiffness = (a * sine - G * cosine) / self._cable
         jacobian = np.array([[1.0, h], [stiffness * h, 1.0 - self._damping * h]])
-        change = -(cosine * a + sine * _G) / self._cable - self._damping * self.rate
+        change = -(cosine * a + sine * G) / self._cable - self._damping * self.rate
         self.rate += change * h
         self.angle += self.rate * h
         self._covariance = jacobian @ self._covariance @ jacobian.T

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -19,61 +19,69 @@ from std_srvs.srv import SetBool, Trigger
 from iolspi_ros import parameters, qos, resources, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.settings import Settings, setting
+from iolspi_ros.managed import Autostart, ManagedNode
+from iolspi_ros.settings import Settings, replaced, setting
 from iolspi_ros.vehicle_topics import VehicleTopics
-from msg_bridge.mavlink.authority import Commander, Timeouts
+from msg_bridge.mavlink.arbiter import Authority, Timeouts
+from msg_bridge.mavlink.clock import VehicleClock
 from msg_bridge.mavlink.codec import read_key
 from msg_bridge.mavlink.envelope import Limits
 from msg_bridge.mavlink.flight import Flight
-from msg_bridge.mavlink.hands import HandSettings, grip
-from msg_bridge.mavlink.link import Link
-from msg_bridge.mavlink.phases import Phase
-from msg_bridge.mavlink.preflight import Item, Preflight
-from msg_bridge.mavlink.runner import Clock, Runner
+from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
+from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
+from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
-from msg_bridge.mavlink.voice import report
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
-AUTHORITY = (*wire.KEY, "phase", "commander")
+AUTHORITY = (*wire.KEY, "phase", "authority")
 CHANGEABLE = ("order", "seed", "episodes", "initial")
+PREFLIGHT = "bridge: preflight"
+"""Of the checklist, on /diagnostics: each line a key, and `result` last of all."""
 _PARTING = 1.0  # for the last words to an autopilot in flight [s]
 
 
 @dataclass(frozen=True)
-class NodeSettings(Settings):
+class BridgeSettings(Settings):
     """What the node adds to the flight."""
 
     task: str = setting("slung_load", "the task that is flown", choices=("slung_load",))
-    autostart: str = setting(
-        "no", "configure, or configure and activate, at once instead of when told to",
-        choices=("no", "configure", "activate"),
-    )  # fmt: skip
 
 
-class Bridge(LifecycleNode):
-    """Publishes `state`, `reward` and `authority`; takes `action` and `joy`."""
+@dataclass(frozen=True)
+class ManualStart(Autostart):
+    """A vehicle that flies does not start by itself."""
 
-    def __init__(self) -> None:
-        super().__init__("bridge")
-        self.settings = parameters.declare(self, NodeSettings)
-        classes = (LinkSettings, FlightSettings, Limits, Timeouts, HandSettings, SlungLoad)
+    autostart: str = replaced(Autostart, "autostart", "no")
+
+
+class Bridge(ManagedNode):
+    """Publishes `task`, `state`, `reward` and `authority`; takes `action` and `joy`."""
+
+    Autostart = ManualStart
+
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        super().__init__("bridge", arguments)
+        self.settings = parameters.declare(self, BridgeSettings)
+        classes = (LinkSettings, FlightSettings, Limits, Timeouts, SafetyPilotSettings, SlungLoad)
         for cls in classes:
             names = tuple(field.name for field in fields(cls) if field.name in CHANGEABLE)
             parameters.declare(self, cls, names)
         parameters.check_changes(self, *classes)
         parameters.warn_unknown(self)
         self.task = parameters.read(self, SlungLoad)
-        self._hands = parameters.read(self, HandSettings)
+        self._joystick = parameters.read(self, SafetyPilotSettings)
         self._timeouts = parameters.read(self, Timeouts)
-        self._link: Link | None = None
+        self._link: AutopilotLink | None = None
         self._flight: Flight | None = None
         self._runner: Runner | None = None
-        self._refused: InputError | None = None
+        self._checklist: dict[str, str] = {}
         self._joy = Joy()
         self._joy_time = -np.inf
-        self._vehicle = VehicleTopics(self)
+        self._vehicle = VehicleTopics(self, self.task.description)
         self._authority_rows = wire.Rows("authority", AUTHORITY)
         self._authority_out = self.create_publisher(Float64MultiArray, "authority", qos.REPORTS)
         self._diagnostics_out = self.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
@@ -84,16 +92,14 @@ class Bridge(LifecycleNode):
         runtime.wall_timer(self, 0.05, self._look_after)
         runtime.wall_timer(self, 1.0, self._diagnose)
         _warm_up(self.task)
-        if self.settings.autostart != "no":
-            self._start = runtime.wall_timer(self, 0.01, self._autostart)
 
     def close(self) -> None:
         """Land if in the air, and give the autopilot its parameters back."""
         if self._flight is None:
             return
-        if self._flight.phase not in (Phase.IDLE, Phase.DOWN):
+        if self._flight.in_flight:
             print("bridge: ends in flight; the autopilot is told to land", file=sys.stderr)
-            self._flight.land(self._time.now(), "the bridge ends")
+            self._flight.land(self._vehicle_clock.now(), "the bridge ends")
             end = time.monotonic() + _PARTING
             landing = self._flight.profile.landing
             while time.monotonic() < end and self._flight.link.telemetry.mode != landing:
@@ -102,69 +108,54 @@ class Bridge(LifecycleNode):
 
     # ------------------------------------------------------------ managed
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def configure(self) -> None:
         """Find the autopilot, check it, and set its parameters."""
         try:
             self._configure()
         except InputError as error:
             self._put_away()
-            self._refused = error
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS
+            self._check("result", f"failed: {error}")
+            raise
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def activate(self) -> None:
         """Take off and fly episodes."""
         assert self._flight is not None
-        self._flight.begin(self._time.now())
-        return TransitionCallbackReturn.SUCCESS
+        self._flight.begin(self._vehicle_clock.now())
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def deactivate(self) -> None:
         """Land; that goes on after this has answered."""
         assert self._flight is not None
-        self._flight.land(self._time.now(), "deactivated")
-        return TransitionCallbackReturn.SUCCESS
+        self._flight.land(self._vehicle_clock.now(), "deactivated")
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def cleanup(self) -> None:
         """Let the autopilot go, once it is down."""
-        if self._flight is not None and self._flight.phase not in (Phase.IDLE, Phase.DOWN):
-            self.get_logger().error("still in the air; clean up when it has landed")
-            return TransitionCallbackReturn.FAILURE
+        if self._flight is not None and self._flight.in_flight:
+            raise InputError("still in the air; allowed: clean up when it has landed")
         self._put_away()
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Land and let go."""
-        self.close()
-        return TransitionCallbackReturn.SUCCESS
-
-    def _autostart(self) -> None:
-        self._start.cancel()
-        if self.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
-            raise self._refused or InputError("the preflight failed")
-        if self.settings.autostart == "activate":
-            self.trigger_activate()
 
     def _configure(self) -> None:
         settings = parameters.read(self, LinkSettings)
         flight = parameters.read(self, FlightSettings)
+        self._checklist = {"result": "not yet"}
         key = read_key(Path(settings.signing_key)) if settings.signing_key else None
         log = Path(settings.log).expanduser() if settings.log else None
         telemetry = Telemetry(settings.system, settings.load_system)
-        self._time = Clock(flight.real_time_factor)
-        self._link = Link(open_url(settings.url), telemetry, key, log)
+        self._vehicle_clock = VehicleClock(flight.real_time_factor)
+        self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
         kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
         self._preflight = Preflight(
-            self._link, settings, flight, self._time.now, kept, self._tell, self.context.ok
+            self._link, settings, flight, self._vehicle_clock, kept, self._found, self.context.ok
         )
         profile = self._preflight.run()
         self._flight = Flight(
             self.task, self._link, profile, flight, parameters.read(self, Limits),
-            self._timeouts, self._show, self._say,
+            self._timeouts,
+            Outputs(self._show, self._say, self._changed),
         )  # fmt: skip
-        self._flight.on_news = self._news
-        self._runner = Runner(self._flight, self._time, self._say)
-        self._tell(Item("passed", "activate the bridge to fly"))
+        self._runner = Runner(self._flight, self._vehicle_clock, self._say)
+        self._runner.start()
+        self._check("result", "passed")
+        self.get_logger().info("preflight passed: activate the bridge to fly")
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""
@@ -181,7 +172,7 @@ class Bridge(LifecycleNode):
     # ------------------------------------------------------------ out
 
     def _show(self, observation: Observation) -> None:
-        self._vehicle.show(self.task.joints, observation)
+        self._vehicle.show(observation)
         self._vehicle.publish()
 
     def _say(self, level: str, text: str) -> None:
@@ -190,8 +181,15 @@ class Bridge(LifecycleNode):
         else:
             self.get_logger().info(text)
 
-    def _tell(self, item: Item) -> None:
+    def _found(self, item: ChecklistItem) -> None:
         self.get_logger().info(f"preflight: {item.name}: {item.found}")
+        self._check(item.name, item.found)
+
+    def _check(self, name: str, found: str) -> None:
+        """Add to the checklist, and let everybody see it."""
+        result = self._checklist.pop("result", "not yet")
+        self._checklist |= {name: found} if name == "result" else {name: found, "result": result}
+        self._report([self._preflight_status()])
 
     def _look_after(self) -> None:
         """What no message brings about: a stick that has fallen silent."""
@@ -199,42 +197,43 @@ class Bridge(LifecycleNode):
         if flight is None:
             return
         fresh = time.monotonic() - self._joy_time < self._timeouts.joy_timeout
-        hands = grip(self._hands, self._joy.buttons, self._joy.axes, fresh=fresh)
-        flight.deadman, flight.stick = hands
+        person = read_joystick(self._joystick, self._joy.buttons, self._joy.axes, fresh=fresh)
+        flight.supervise(deadman=person.deadman, stick=person.stick)
 
-    def _news(self, phase: Phase, commander: Commander) -> None:
-        flight = self._flight
-        if flight is not None:
-            key = (flight.number, flight.step, *wire.split(round(self._time.now() * 1e9)))
-            runtime.publish(
-                self._authority_out, self._authority_rows.message(*key, phase, commander)
-            )
+    def _changed(self, change: AuthorityChange) -> None:
+        key = (change.episode, change.step, *wire.split(round(change.time * 1e9)))
+        row = self._authority_rows.message(*key, change.phase, change.authority)
+        runtime.publish(self._authority_out, row)
 
     def _diagnose(self) -> None:
-        flight = self._flight
-        if flight is None:
+        if not self._checklist:
             return
-        found = report(flight)
-        worried = flight.verdict.commander in (Commander.HOLD, Commander.LAND, Commander.OTHER)
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
-            name="bridge",
-            message=f"{found['commander']}: {found['reason'] or found['phase']}",
-            hardware_id=flight.profile.name,
-            values=[KeyValue(key=key, value=str(value)) for key, value in found.items()],
-        )
-        message = DiagnosticArray(status=[status])
+        statuses = [self._preflight_status()]
+        flight = self._flight
+        if flight is not None:
+            found, authority = flight.status(), flight.ruling.authority
+            worried = authority in (Authority.HOLD, Authority.LAND, Authority.OTHER)
+            words = f"{found['authority']}: {found['reason'] or found['phase']}"
+            statuses.append(_status("bridge", worried, words, flight.profile.name, found))
+        self._report(statuses)
+
+    def _preflight_status(self) -> DiagnosticStatus:
+        result = self._checklist["result"]
+        return _status(PREFLIGHT, result != "passed", result, "", self._checklist)
+
+    def _report(self, statuses: list[DiagnosticStatus]) -> None:
+        message = DiagnosticArray(status=statuses)
         message.header.stamp = self.get_clock().now().to_msg()
         runtime.publish(self._diagnostics_out, message)
 
     # ------------------------------------------------------------ in
 
     def _on_action(self, message: Any) -> None:
-        answer = self._vehicle.read(len(self.task.actions), message)
+        answer = self._vehicle.read(message)
         if answer is None or self._flight is None:
             return
         number, step = wire.whole(answer.episode), wire.whole(answer.step)
-        self._flight.take(number, step, answer.action, self._time.now())
+        self._flight.act(number, step, answer.action, self._vehicle_clock.now())
 
     def _on_joy(self, message: Any) -> None:
         self._joy, self._joy_time = message, time.monotonic()
@@ -249,7 +248,7 @@ class Bridge(LifecycleNode):
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
-        self._flight.reset(self._time.now(), self.task, settings)
+        self._flight.reset(self._vehicle_clock.now(), self.task, settings)
         response.success, response.message = True, f"seed {settings.seed}"
         return response
 
@@ -257,9 +256,21 @@ class Bridge(LifecycleNode):
         if self._flight is None:
             response.success, response.message = False, "not configured"
             return response
-        self._flight.paused = request.data
+        self._flight.supervise(paused=request.data)
         response.success, response.message = True, "holding" if request.data else "flying"
         return response
+
+
+def _status(
+    name: str, worried: bool, words: str, hardware: str, values: Mapping[str, Any]
+) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=DiagnosticStatus.WARN if worried else DiagnosticStatus.OK,
+        name=name,
+        message=words,
+        hardware_id=hardware,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
 
 
 def _file_name(settings: LinkSettings) -> str:
@@ -275,4 +286,4 @@ def _warm_up(task: SlungLoad) -> None:
 
 def main() -> int:
     """Run the bridge."""
-    return runtime.main(Bridge, "bridge", sys.argv)
+    return runtime.main(Bridge, "bridge")

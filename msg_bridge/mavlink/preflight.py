@@ -7,7 +7,7 @@ bridge that was killed could not take back, the next one does.
 from __future__ import annotations
 
 import json
-import time
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -15,8 +15,9 @@ from typing import NamedTuple
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
-from msg_bridge.mavlink.link import Link
-from msg_bridge.mavlink.profiles import Change, Profile
+from msg_bridge.mavlink.clock import Clock
+from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.profiles import AutopilotProfile, ParameterChange
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.telemetry import parameter_value
 
@@ -28,7 +29,7 @@ _TRIES = 3
 _WRONG = 0.25  # relative error of its speed that is no chance
 
 
-class Item(NamedTuple):
+class ChecklistItem(NamedTuple):
     """One line of the checklist."""
 
     name: str
@@ -40,11 +41,10 @@ class Preflight:
 
     Parameters
     ----------
-    link : Link
+    link : AutopilotLink
     settings : LinkSettings
     flight : FlightSettings
-    now : callable
-        The caller's clock [s].
+    clock : Clock
     kept : Path
         File that remembers the parameters as they were.
     tell : callable
@@ -55,18 +55,18 @@ class Preflight:
 
     def __init__(
         self,
-        link: Link,
+        link: AutopilotLink,
         settings: LinkSettings,
         flight: FlightSettings,
-        now: Callable[[], float],
+        clock: Clock,
         kept: Path,
-        tell: Callable[[Item], None],
+        tell: Callable[[ChecklistItem], None],
         going_on: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link, self._settings, self._flight = link, settings, flight
-        self._now, self._kept, self._tell, self._going_on = now, kept, tell, going_on
+        self._clock, self._kept, self._tell, self._going_on = clock, kept, tell, going_on
 
-    def run(self) -> Profile:
+    def run(self) -> AutopilotProfile:
         """Go through the list.
 
         Raises
@@ -81,12 +81,12 @@ class Preflight:
             "position estimate: the autopilot does not know where it is",
             self._link.ask_rates,
         )
-        self._tell(Item("position estimate", "good"))
-        self._clock()
-        self._load()
+        self._tell(ChecklistItem("position estimate", "good"))
+        self._check_clock()
+        self._check_load()
         return profile
 
-    def restore(self, profile: Profile) -> list[str]:
+    def restore(self, profile: AutopilotProfile) -> list[str]:
         """Give the autopilot its parameters back; what could not be given back."""
         self._going_on = lambda: True  # also when it is a signal that ends the bridge
         before = self._remembered()
@@ -102,7 +102,7 @@ class Preflight:
 
     # ------------------------------------------------------------ who is there
 
-    def _who(self) -> Profile:
+    def _who(self) -> AutopilotProfile:
         t, s = self._link.telemetry, self._settings
         self._wait(lambda: t.autopilot is not None, "heartbeat", lambda: None)
         profile = profiles.of_autopilot(t.autopilot or 0)
@@ -111,19 +111,19 @@ class Preflight:
                 f"{s.url} is {profile.name}, not {s.autopilot}; allowed: --autopilot "
                 f"{profile.name}, or another url"
             )
-        self._tell(Item("autopilot", f"{profile.name}, system {t.system}, at {s.url}"))
+        self._tell(ChecklistItem("autopilot", f"{profile.name}, system {t.system}, at {s.url}"))
         if profile.flies_not:
             raise InputError(f"{profile.name} cannot be flown over MAVLink: {profile.flies_not}")
         signed = "all packets" if s.signing_key else "no: whoever reaches the port is obeyed"
-        self._tell(Item("signed", signed))
+        self._tell(ChecklistItem("signed", signed))
         return profile
 
     def _wait(self, ready: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
         """Wait for something, asking for it once a second."""
-        end = time.monotonic() + self._settings.patience
-        asked = 0.0
+        end = self._clock.elapsed() + self._settings.patience
+        asked = -math.inf
         while not ready():
-            now = time.monotonic()
+            now = self._clock.elapsed()
             if now > end:
                 raise InputError(f"no {what} within {self._settings.patience:g} s{self._why()}")
             if now - asked > 1.0:
@@ -150,11 +150,11 @@ class Preflight:
         if not self._going_on():
             raise InputError("interrupted")
         self._link.wait(0.02)
-        self._link.poll(self._now())
+        self._link.poll(self._clock.now())
 
     # ------------------------------------------------------------ parameters
 
-    def _change(self, profile: Profile) -> None:
+    def _change(self, profile: AutopilotProfile) -> None:
         """Set what has to be, after writing down what was."""
         remembered, before = self._remembered(), {}
         for change in profile.changes:
@@ -168,9 +168,9 @@ class Preflight:
             self._set(profile, change.name, change.value)
             self._tell(self._changed(change, before[change.name]))
 
-    def _changed(self, change: Change, before: float) -> Item:
+    def _changed(self, change: ParameterChange, before: float) -> ChecklistItem:
         was = "" if _same(before, change.value) else f", was {before:g}"
-        return Item(change.name, f"{change.value:g}{was}: {change.why}")
+        return ChecklistItem(change.name, f"{change.value:g}{was}: {change.why}")
 
     def _remembered(self) -> dict[str, float]:
         try:
@@ -179,7 +179,7 @@ class Preflight:
         except (OSError, ValueError, AttributeError, TypeError):
             return {}
 
-    def _read(self, profile: Profile, name: str) -> tuple[float, int]:
+    def _read(self, profile: AutopilotProfile, name: str) -> tuple[float, int]:
         """Value and type of a parameter."""
         found = self._answer(name, lambda: self._link.read_parameter(name))
         if found is None:
@@ -188,7 +188,7 @@ class Preflight:
             )
         return parameter_value(profile, *found), found[1]
 
-    def _set(self, profile: Profile, name: str, value: float) -> None:
+    def _set(self, profile: AutopilotProfile, name: str, value: float) -> None:
         present, kind = self._read(profile, name)
         if _same(present, value):
             return
@@ -198,9 +198,9 @@ class Preflight:
 
     def _answer(self, name: str, ask: Callable[[], None]) -> tuple[float, int] | None:
         self._link.telemetry.parameters.pop(name, None)
-        end = time.monotonic() + _ANSWER
-        asked = 0.0
-        while (now := time.monotonic()) < end:
+        end = self._clock.elapsed() + _ANSWER
+        asked = -math.inf
+        while (now := self._clock.elapsed()) < end:
             if name in self._link.telemetry.parameters:
                 return self._link.telemetry.parameters[name]
             if now - asked > _AGAIN:
@@ -211,7 +211,7 @@ class Preflight:
 
     # ------------------------------------------------------------ clock and load
 
-    def _clock(self) -> None:
+    def _check_clock(self) -> None:
         """Whether the autopilot's clock goes as fast as we think.
 
         Measured again when it does not: a busy machine may stall a simulator for a moment.
@@ -221,7 +221,7 @@ class Preflight:
         for _ in range(_TRIES):
             pace = self._pace()
             if abs(pace / factor - 1.0) < _WRONG:
-                self._tell(Item("clock", f"{pace:.2f} times ours"))
+                self._tell(ChecklistItem("clock", f"{pace:.2f} times ours"))
                 return
         raise InputError(
             f"the autopilot's clock goes {pace:.2f} times as fast as ours, but "
@@ -230,23 +230,25 @@ class Preflight:
 
     def _pace(self) -> float:
         t = self._link.telemetry
-        start, boot = time.monotonic(), t.boot
-        while time.monotonic() - start < _RUN:
+        start, boot = self._clock.elapsed(), t.boot
+        while self._clock.elapsed() - start < _RUN:
             self._listen()
-        return (t.boot - boot) / (time.monotonic() - start)
+        return (t.boot - boot) / (self._clock.elapsed() - start)
 
-    def _load(self) -> None:
+    def _check_load(self) -> None:
         """Whether the load reports its position, if it is to."""
         if self._flight.load_source == "estimate":
-            self._tell(Item("load", "estimated from the vehicle's acceleration, seen by nobody"))
+            self._tell(
+                ChecklistItem("load", "estimated from the vehicle's acceleration, seen by nobody")
+            )
             return
         t = self._link.telemetry
         self._wait(
-            lambda: self._now() - t.load_time < 2.0,
+            lambda: self._clock.now() - t.load_time < 2.0,
             f"position of the load (system {t.load_system}); load_source: estimate flies without",
             lambda: None,
         )
-        self._tell(Item("load", f"reported by system {t.load_system}"))
+        self._tell(ChecklistItem("load", f"reported by system {t.load_system}"))
 
 
 def _same(a: float, b: float) -> bool:

@@ -15,7 +15,7 @@ from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import convert
 
 
-class Change(NamedTuple):
+class ParameterChange(NamedTuple):
     """A parameter of the autopilot that has to have a value while the bridge flies."""
 
     name: str
@@ -24,7 +24,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Profile:
+class AutopilotProfile:
     """One autopilot.
 
     Attributes
@@ -45,7 +45,7 @@ class Profile:
         Type mask of an acceleration setpoint that holds the height.
     integer_bytes : bool
         Integers travel as their bytes in the float of PARAM_VALUE, not as numbers.
-    changes : tuple of Change
+    changes : tuple of ParameterChange
         Made at configure, taken back after.
     release : str
         How it lets the load go, unless told otherwise.
@@ -62,7 +62,7 @@ class Profile:
     stream_first: bool = False
     acceleration: int = int(convert.ACCELERATION)
     integer_bytes: bool = False
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ParameterChange, ...] = ()
     release: str = "gripper"
     flies_not: str = ""
 
@@ -82,7 +82,7 @@ def px4_mode(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
-ARDUPILOT = Profile(
+ARDUPILOT = AutopilotProfile(
     name="ardupilot",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     modes={0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL",
@@ -90,12 +90,16 @@ ARDUPILOT = Profile(
     controlled=4,
     landing=9,
     changes=(
-        Change("GUID_TIMEOUT", 0.5, "the last acceleration is held for so long when all is lost"),
-        Change("PSC_JERK_XY", 20.0, "with less, quick changes of the acceleration run away"),
+        ParameterChange(
+            "GUID_TIMEOUT", 0.5, "the last acceleration is held for so long when all is lost"
+        ),
+        ParameterChange(
+            "PSC_JERK_XY", 20.0, "with less, quick changes of the acceleration run away"
+        ),
     ),
 )  # fmt: skip
 
-PX4 = Profile(
+PX4 = AutopilotProfile(
     name="px4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
     modes={
@@ -111,12 +115,12 @@ PX4 = Profile(
     acceleration=int(convert.ACCELERATION_HEIGHT),
     integer_bytes=True,
     changes=(
-        Change("COM_OF_LOSS_T", 0.5, "how long it flies on when setpoints stop"),
-        Change("COM_OBL_RC_ACT", 5, "then it holds its position instead of returning"),
+        ParameterChange("COM_OF_LOSS_T", 0.5, "how long it flies on when setpoints stop"),
+        ParameterChange("COM_OBL_RC_ACT", 5, "then it holds its position instead of returning"),
     ),
 )  # fmt: skip
 
-PAPARAZZI = Profile(
+PAPARAZZI = AutopilotProfile(
     name="paparazzi",
     autopilot=dialect.MAV_AUTOPILOT_PPZ,
     modes={0: "unknown"},
@@ -131,7 +135,7 @@ PAPARAZZI = Profile(
 PROFILES = {profile.name: profile for profile in (ARDUPILOT, PX4, PAPARAZZI)}
 
 
-def of_autopilot(number: int) -> Profile:
+def of_autopilot(number: int) -> AutopilotProfile:
     """The profile for what a heartbeat says.
 
     Raises

@@ -1,32 +1,19 @@
-"""The thread that flies: setpoints at a fixed rate, whatever everybody else does."""
+"""The loop that flies: setpoints at a fixed rate, whatever everybody else does."""
 
 from __future__ import annotations
 
 import threading
-import time
 import traceback
 
+from msg_bridge.mavlink.clock import Clock
 from msg_bridge.mavlink.flight import Flight
-from msg_bridge.mavlink.voice import Say
+from msg_bridge.mavlink.status import Say
 
-
-class Clock:
-    """Vehicle time [s]: the machine's steady clock, as many times as fast as the vehicle's."""
-
-    def __init__(self, factor: float) -> None:
-        self._factor, self._start = factor, time.monotonic()
-
-    def now(self) -> float:
-        """Since the clock was made [s]."""
-        return (time.monotonic() - self._start) * self._factor
-
-    def wall(self, seconds: float) -> float:
-        """Wall time that a vehicle time takes [s]."""
-        return seconds / self._factor
+_CLOSE = 1e-6  # to the time of the next setpoint is at it [s]
 
 
 class Runner:
-    """Runs a flight in a thread of its own, until it is stopped.
+    """Runs a flight: in a thread of its own from `start` to `stop`, or step by step.
 
     Parameters
     ----------
@@ -38,31 +25,38 @@ class Runner:
 
     def __init__(self, flight: Flight, clock: Clock, say: Say) -> None:
         self._flight, self._clock, self._say = flight, clock, say
+        self._period = 1.0 / flight.rate
+        self._due = clock.now()
         self._stopping = threading.Event()
         self._failed = -1.0
         self._thread = threading.Thread(target=self._run, name="setpoints", daemon=True)
+
+    def start(self) -> None:
+        """Begin, in a thread."""
         self._thread.start()
 
     def stop(self) -> None:
         """End the thread."""
         self._stopping.set()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def step(self) -> None:
+        """Wait until something has come or a setpoint is due, and see to it."""
+        self._flight.link.wait(self._clock.wall(self._due - self._clock.now()))
+        now = self._clock.now()
+        try:
+            if now >= self._due - _CLOSE:
+                self._due = max(self._due + self._period, now)
+                self._flight.tick(now)
+            else:
+                self._flight.listen(now)
+        except Exception:
+            self._survive(now)
 
     def _run(self) -> None:
-        clock, flight = self._clock, self._flight
-        period = 1.0 / flight.settings.rate
-        due = clock.now()
         while not self._stopping.is_set():
-            flight.link.wait(clock.wall(due - clock.now()))
-            now = clock.now()
-            try:
-                if now >= due:
-                    due = max(due + period, now)
-                    flight.tick(now)
-                else:
-                    flight.listen(now)
-            except Exception:
-                self._survive(now)
+            self.step()
 
     def _survive(self, now: float) -> None:
         """Go on after a fault of our own: a thread that ends would leave the vehicle alone."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from msg_bridge.mavlink import convert
 from msg_bridge.mavlink.convert import Track
-from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.profiles import AutopilotProfile
 
 
-class Push(NamedTuple):
+class AccelerationSetpoint(NamedTuple):
     """Accelerations along, across and upwards [m/s²], at a height [m]."""
 
     along: float
@@ -20,7 +20,7 @@ class Push(NamedTuple):
     height: float
 
 
-class Run(NamedTuple):
+class VelocitySetpoint(NamedTuple):
     """Velocities along, across and upwards [m/s]."""
 
     along: float
@@ -28,7 +28,7 @@ class Run(NamedTuple):
     up: float
 
 
-class Stay(NamedTuple):
+class PositionSetpoint(NamedTuple):
     """A position: along, across and height [m]."""
 
     along: float
@@ -36,13 +36,15 @@ class Stay(NamedTuple):
     height: float
 
 
-Wish = Push | Run | Stay
+Setpoint = AccelerationSetpoint | VelocitySetpoint | PositionSetpoint
 
 _NOTHING = np.zeros(3)
 
 
-def packet(wish: Wish, profile: Profile, track: Track, target: tuple[int, int], now: float) -> Any:
-    """The setpoint message of a wish.
+def packet(
+    setpoint: Setpoint, profile: AutopilotProfile, track: Track, target: tuple[int, int], now: float
+) -> Any:
+    """The setpoint message of a setpoint.
 
     Raises
     ------
@@ -50,16 +52,16 @@ def packet(wish: Wish, profile: Profile, track: Track, target: tuple[int, int], 
         When a number that matters is not finite.
     """
     position, velocity, acceleration = _NOTHING, _NOTHING, _NOTHING
-    if isinstance(wish, Push):
+    if isinstance(setpoint, AccelerationSetpoint):
         mask = profile.acceleration
-        acceleration = track.there(np.array([wish.along, wish.across, wish.up]))
-        position = np.array([0.0, 0.0, wish.height])
-    elif isinstance(wish, Run):
+        acceleration = track.there(np.array([setpoint.along, setpoint.across, setpoint.up]))
+        position = np.array([0.0, 0.0, setpoint.height])
+    elif isinstance(setpoint, VelocitySetpoint):
         mask = int(convert.VELOCITY)
-        velocity = track.there(np.array(wish))
+        velocity = track.there(np.array(setpoint))
     else:
         mask = int(convert.POSITION)
-        position = track.place_there(np.array(wish))
+        position = track.place_there(np.array(setpoint))
     time_ms = int(now * 1e3) & 0xFFFFFFFF
     return convert.setpoint(mask, target, time_ms, position, velocity, acceleration)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from msg_bridge.mavlink import convert
-from msg_bridge.mavlink.profiles import Profile
+from msg_bridge.mavlink.profiles import AutopilotProfile
 
 Array = NDArray[np.float64]
 
@@ -215,14 +215,14 @@ _OF_LOAD: dict[str, Callable[[Telemetry, Any, float], None]] = {
 }
 
 
-def parameter_value(profile: Profile, raw: float, kind: int) -> float:
+def parameter_value(profile: AutopilotProfile, raw: float, kind: int) -> float:
     """Value of a parameter as it travels in PARAM_VALUE."""
     if profile.integer_bytes and kind in _INTEGERS:
         return float(struct.unpack("<i", struct.pack("<f", raw))[0])
     return raw
 
 
-def parameter_raw(profile: Profile, value: float, kind: int) -> float:
+def parameter_raw(profile: AutopilotProfile, value: float, kind: int) -> float:
     """What travels in PARAM_SET for a value; the inverse of `parameter_value`."""
     if profile.integer_bytes and kind in _INTEGERS:
         return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])

@@ -1,4 +1,4 @@
-"""Where ArduCopter differs: see `profiles.ARDUPILOT` for its numbers."""
+"""Where ArduCopter differs: see `firmware.ARDUPILOT` for its numbers."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from sim_nodes.autopilot.commander import INFO, WARNING, Commander, Result, spot
-from sim_nodes.autopilot.control import PLACE, Gains, Target
-from sim_nodes.autopilot.profiles import Mode
+from sim_nodes.autopilot.control import HAS_POSITION, Gains, Target
+from sim_nodes.autopilot.firmware import Mode
 
 RECEIVER = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
 """What the simulated receiver says when nobody overrides it [µs]: no throttle, mode 6."""
@@ -74,7 +74,7 @@ class ArduPilot(Commander):
             velocity_scale=1.0,
             lift_error=0.0,
             tilt=tilt,
-            push=0.71 * 9.81 * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
+            push=0.71 * self.body.frame.g * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
 
@@ -84,7 +84,7 @@ class ArduPilot(Commander):
         if not self.ready:
             self.say(WARNING, "Arm: Need Position Estimate")
         elif self.mode not in (Mode.EXTERNAL, Mode.HOLD, Mode.MANUAL):
-            self.say(WARNING, f"Arm: {self.profile.names[self.mode]} mode not armable")
+            self.say(WARNING, f"Arm: {self.firmware.names[self.mode]} mode not armable")
         else:
             return None
         return Result.FAILED
@@ -93,7 +93,7 @@ class ArduPilot(Commander):
         return Result.FAILED
 
     def _say_refused(self, mode: Mode, why: str) -> None:
-        self.say(WARNING, f"Mode change to {self.profile.names[mode]} failed: {why}")
+        self.say(WARNING, f"Mode change to {self.firmware.names[mode]} failed: {why}")
 
     # ------------------------------------------------------------ failsafes
 
@@ -149,7 +149,7 @@ class ArduPilot(Commander):
         if self.target is None:
             return self._hold()
         late = self.now - self._setpoint_at > float(self.parameters["GUID_TIMEOUT"])
-        if late and not self.target.use[0] & PLACE:
+        if late and not self.target.use[0] & HAS_POSITION:
             return spot(self.body.position, (0.0, 0.0, 0.0))
         turn = self.channels[3] - 1500
         if abs(turn) > 20:  # the stick's yaw is obeyed, its other axes are not

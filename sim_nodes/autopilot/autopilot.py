@@ -19,10 +19,10 @@ from sim_nodes.autopilot.ardupilot import ArduPilot
 from sim_nodes.autopilot.body import Body
 from sim_nodes.autopilot.commander import Commander
 from sim_nodes.autopilot.commands import Inbox
+from sim_nodes.autopilot.connection import Channel, Connection
 from sim_nodes.autopilot.dynamics import Airframe
-from sim_nodes.autopilot.link import Link, Weather
+from sim_nodes.autopilot.firmware import Firmware
 from sim_nodes.autopilot.parameters import Parameters
-from sim_nodes.autopilot.profiles import Profile
 from sim_nodes.autopilot.px4 import Px4
 from sim_nodes.autopilot.release import Release
 
@@ -40,10 +40,10 @@ class Autopilot:
 
     Parameters
     ----------
-    profile : Profile
+    firmware : Firmware
         Whom it imitates.
     parameters : mapping of str to float, optional
-        Values other than the profile's.
+        Values other than the firmware's.
     seed : int
         Of noise, gusts, losses and delays.
     epoch : float
@@ -54,17 +54,17 @@ class Autopilot:
 
     def __init__(
         self,
-        profile: Profile,
+        firmware: Firmware,
         parameters: Mapping[str, float] | None = None,
         seed: int = 0,
         epoch: float = 1_767_225_600.0,
         key: bytes | None = None,
     ) -> None:
-        self.profile = profile
-        self.parameters = Parameters(profile, parameters or {})
+        self.firmware = firmware
+        self.parameters = Parameters(firmware, parameters or {})
         self._seed, self._epoch, self._key = seed, epoch, key
-        self._weather = Weather(np.random.default_rng([seed, 1]))
-        self.links: list[Link] = []
+        self._channel = Channel(np.random.default_rng([seed, 1]))
+        self.links: list[Connection] = []
         self._ticks_ever = 0
         self.boots = 0
         self.boot()
@@ -73,10 +73,10 @@ class Autopilot:
         """Switch it off and on: on the ground where it began, with its parameters kept."""
         value = self.parameters
         value["SIM_CLOCK_JUMP"] = value["SIM_CUT"] = 0.0
-        self._weather.cut_until = -1.0
+        self._channel.cut_until = -1.0
         frame = Airframe(
             load=float(value["SIM_LOAD_MASS"]), length=float(value["SIM_LOAD_LEN"]),
-            drag=float(value["SIM_DRAG"]), load_drag=self.profile.load_drag,
+            drag=float(value["SIM_DRAG"]), load_drag=self.firmware.load_drag,
         )  # fmt: skip
         rng = np.random.default_rng([self._seed, 0, self.boots])
         self.boots += 1
@@ -84,14 +84,14 @@ class Autopilot:
         self._actions: list[tuple[float, int, Callable[[], None]]] = []
         self._planned = 0
         self.body = Body(frame, rng)
-        self.commander = _COMMANDERS[self.profile.name](
-            self.profile, self.parameters, self.body, self.say
+        self.commander = _COMMANDERS[self.firmware.name](
+            self.firmware, self.parameters, self.body, self.say
         )
         self.release = Release(self.parameters, self.body, self.say, self.later, rng)
         self._inbox = Inbox(self)
         self._load_due = 0.0
         for link in self.links:
-            link.rates, link.due = dict(self.profile.rates), {}
+            link.set_rates(self.firmware.rates)
 
     # ------------------------------------------------------------ its clock
 
@@ -123,17 +123,17 @@ class Autopilot:
 
     # ------------------------------------------------------------ in
 
-    def connect(self) -> Link:
+    def connect(self) -> Connection:
         """One more peer to talk with."""
-        link = Link(self._weather, len(self.links), self.profile.rates)
+        link = Connection(self._channel, len(self.links), self.firmware.rates)
         if self._key is not None:
             link.sign(self._key, self.unix_microseconds * 1e-6)
         self.links.append(link)
         return link
 
-    def receive(self, link: Link, data: bytes) -> None:
+    def receive(self, link: Connection, data: bytes) -> None:
         """Take a datagram."""
-        self._weather_now()
+        self._update_channel()
         for message in link.receive(data, self.now):
             self._inbox.take(message, link)
 
@@ -141,7 +141,7 @@ class Autopilot:
         """Set a parameter, and do what it stands for."""
         self.parameters[name] = value
         if name == "SIM_CUT":
-            self._weather.cut_until = self.now + value
+            self._channel.cut_until = self.now + value
         elif name == "SIM_CLOCK_JUMP":
             self._jump += value
 
@@ -153,7 +153,7 @@ class Autopilot:
 
     # ------------------------------------------------------------ out
 
-    def send(self, message: Any, link: Link | None = None) -> None:
+    def send(self, message: Any, link: Connection | None = None) -> None:
         """Send to one peer, or to all."""
         for peer in self.links if link is None else [link]:
             peer.send(message, self.system, 1, self.now)
@@ -180,7 +180,7 @@ class Autopilot:
         self._ticks += 1
         self._ticks_ever += 1
         now, value = self.now, self.parameters
-        self._weather_now()
+        self._update_channel()
         for link in self.links:
             for message in link.arrived(now):
                 self._inbox.take(message, link)
@@ -200,21 +200,15 @@ class Autopilot:
         gusts = float(self.parameters["SIM_WIND_TURB"])
         return np.array([-speed * math.cos(comes), -speed * math.sin(comes), 0.0, gusts])
 
-    def _weather_now(self) -> None:
-        self._weather.delay = float(self.parameters["SIM_DELAY"])
-        self._weather.loss = float(self.parameters["SIM_LOSS"])
+    def _update_channel(self) -> None:
+        self._channel.delay = float(self.parameters["SIM_DELAY"])
+        self._channel.loss = float(self.parameters["SIM_LOSS"])
 
-    def _tell(self, link: Link) -> None:
-        for name, rate in link.rates.items():
-            if rate <= 0.0:
-                continue
-            due = link.due.get(name, self.now)
-            if self.now >= due - 1e-9:
-                # From when it was due, so that the rate holds; not to catch up after a change.
-                link.due[name] = max(due + 1.0 / rate, self.now)
-                message = telemetry.BUILDERS[name](self)
-                if message is not None:
-                    link.send(message, self.system, 1, self.now)
+    def _tell(self, link: Connection) -> None:
+        for name in link.due(self.now):
+            message = telemetry.BUILDERS[name](self)
+            if message is not None:
+                link.send(message, self.system, 1, self.now)
 
     def _tell_of_load(self) -> None:
         rate = float(self.parameters["SIM_LOAD_RATE"])

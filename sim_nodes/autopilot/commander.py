@@ -1,4 +1,7 @@
-"""Who steers: modes, arming and failsafes that the imitated autopilots have in common."""
+"""Modes, arming and failsafes that the imitated autopilots have in common.
+
+PX4 calls this module of its own by the same name.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_nodes.autopilot.body import Body
-from sim_nodes.autopilot.control import PLACE, SPEED, Gains, Target
+from sim_nodes.autopilot.control import HAS_POSITION, HAS_VELOCITY, Gains, Target
+from sim_nodes.autopilot.firmware import Firmware, Mode
 from sim_nodes.autopilot.parameters import Parameters
-from sim_nodes.autopilot.profiles import Mode, Profile
 
 Array = NDArray[np.float64]
 
@@ -41,11 +44,11 @@ def spot(
     place: Sequence[float] | Array, speed: Sequence[float | None] = (None, None, None)
 ) -> Target:
     """Hold a place [m]; on axes with a speed [m/s], move with that instead."""
-    use, values = np.full(3, PLACE), np.zeros((3, 3))
+    use, values = np.full(3, HAS_POSITION), np.zeros((3, 3))
     values[0] = place
     for axis, wanted in enumerate(speed):
         if wanted is not None:
-            use[axis], values[1, axis] = SPEED, wanted
+            use[axis], values[1, axis] = HAS_VELOCITY, wanted
     return Target(use, values)
 
 
@@ -56,7 +59,7 @@ class Commander:
 
     Parameters
     ----------
-    profile, parameters, body
+    firmware, parameters, body
     say : callable
         Takes a severity and a text, for STATUSTEXT.
     """
@@ -66,14 +69,14 @@ class Commander:
 
     def __init__(
         self,
-        profile: Profile,
+        firmware: Firmware,
         parameters: Parameters,
         body: Body,
         say: Callable[[int, str], None],
     ) -> None:
-        self.profile, self.parameters, self.body, self.say = profile, parameters, body, say
+        self.firmware, self.parameters, self.body, self.say = firmware, parameters, body, say
         self.now = 0.0
-        self.intended = profile.first_mode
+        self.intended = firmware.first_mode
         self.failsafes: dict[str, Mode] = {}  # by what was lost
         self.armed, self.airborne = False, False
         self.target: Target | None = None
@@ -91,7 +94,9 @@ class Commander:
     @property
     def failsafe(self) -> Mode | None:
         """The gravest of the failsafes, None where there is none."""
-        return max(self.failsafes.values(), key=_GRAVITY.index, default=None)
+        if not self.failsafes:
+            return None
+        return max(self.failsafes.values(), key=_GRAVITY.index)
 
     @property
     def mode(self) -> Mode:
@@ -101,11 +106,11 @@ class Commander:
     @property
     def ready(self) -> bool:
         """Whether the estimator knows where it is."""
-        return self.now >= self.profile.ready_after and not self.parameters["SIM_EKF_FAIL"]
+        return self.now >= self.firmware.ready_after and not self.parameters["SIM_EKF_FAIL"]
 
     def mode_of(self, number: int) -> Mode | None:
         """The mode with a custom_mode, None where it is not imitated."""
-        found = [mode for mode, custom in self.profile.modes.items() if custom == number]
+        found = [mode for mode, custom in self.firmware.modes.items() if custom == number]
         return found[0] if found else None
 
     # ------------------------------------------------------------ commands
@@ -244,13 +249,13 @@ class Commander:
 
     def _descend(self) -> Target:
         target = self._hold()
-        target.use[2] = SPEED
+        target.use[2] = HAS_VELOCITY
         target.values[1, 2] = self._land_speed()
         return target
 
     def _climb(self) -> Target | None:
         """To `_height`, straight up; stages: motors spool up, climb, arrived."""
-        if self.now - self._mode_since < self.profile.spool_up and self._stage == 0:
+        if self.now - self._mode_since < self.firmware.spool_up and self._stage == 0:
             return None
         if self._stage == 0:
             self._stage = 1

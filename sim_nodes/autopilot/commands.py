@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_nodes.autopilot import setpoints, telemetry
 from sim_nodes.autopilot.ardupilot import ArduPilot
 from sim_nodes.autopilot.commander import CRITICAL, FORCE, Result
-from sim_nodes.autopilot.link import Link
-from sim_nodes.autopilot.profiles import Mode
+from sim_nodes.autopilot.connection import Connection
+from sim_nodes.autopilot.firmware import Mode
+from sim_nodes.autopilot.onboard import Onboard
 from sim_nodes.autopilot.px4 import Px4
-
-if TYPE_CHECKING:
-    from sim_nodes.autopilot.autopilot import Autopilot
 
 
 class Inbox:
@@ -23,11 +21,11 @@ class Inbox:
 
     Parameters
     ----------
-    autopilot : Autopilot
+    autopilot : Onboard
         Whom they are for.
     """
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    def __init__(self, autopilot: Onboard) -> None:
         self._a = autopilot
         self._handlers = {
             "HEARTBEAT": self._heartbeat, "COMMAND_LONG": self._command,
@@ -45,7 +43,7 @@ class Inbox:
             512: self._request, 520: self._version,
         }  # fmt: skip
 
-    def take(self, message: Any, link: Link) -> None:
+    def take(self, message: Any, link: Connection) -> None:
         """Act on a message, if it is for this autopilot."""
         handler = self._handlers.get(message.get_type())
         if handler is None or self._a.commander.aborted:
@@ -54,13 +52,13 @@ class Inbox:
         if target not in (0, self._a.system):
             return
         component = getattr(message, "target_component", 0)
-        if not self._a.profile.any_component and component not in (0, 1):
+        if not self._a.firmware.any_component and component not in (0, 1):
             return
         handler(message, link)
 
     # ------------------------------------------------------------ flying
 
-    def _heartbeat(self, message: Any, link: Link) -> None:
+    def _heartbeat(self, message: Any, link: Connection) -> None:
         if self._is_station(message):
             self._a.commander.ground_station_seen = self._a.now
 
@@ -70,7 +68,7 @@ class Inbox:
             return bool(message.get_srcSystem() == self._a.parameters["SYSID_MYGCS"])
         return bool(message.type == mavlink.MAV_TYPE_GCS)
 
-    def _setpoint(self, message: Any, link: Link) -> None:
+    def _setpoint(self, message: Any, link: Connection) -> None:
         commander, body = self._a.commander, self._a.body
         yaw = float(body.attitude[0, 2])
         if isinstance(commander, Px4):
@@ -91,16 +89,16 @@ class Inbox:
             else:
                 commander.setpoint(target)
 
-    def _manual(self, message: Any, link: Link) -> None:
+    def _manual(self, message: Any, link: Connection) -> None:
         if isinstance(self._a.commander, Px4):
             self._a.commander.manual()
 
-    def _override(self, message: Any, link: Link) -> None:
+    def _override(self, message: Any, link: Connection) -> None:
         if isinstance(self._a.commander, ArduPilot) and self._is_station(message):
             widths = [getattr(message, f"chan{i}_raw") for i in range(1, 9)]
             self._a.commander.override(widths)
 
-    def _set_mode(self, message: Any, link: Link) -> None:
+    def _set_mode(self, message: Any, link: Connection) -> None:
         self._change_mode(message.custom_mode)
 
     def _change_mode(self, custom: int) -> bool:
@@ -113,7 +111,7 @@ class Inbox:
 
     # ------------------------------------------------------------ commands
 
-    def _command(self, message: Any, link: Link) -> None:
+    def _command(self, message: Any, link: Connection) -> None:
         handler = self._commands.get(message.command)
 
         def answer(result: Result) -> None:
@@ -130,45 +128,45 @@ class Inbox:
         if outcome is not None:
             answer(outcome)
 
-    def _arm(self, m: Any, link: Link, _: Any) -> Result:
+    def _arm(self, m: Any, link: Connection, _: Any) -> Result:
         change = self._a.commander.arm if m.param1 >= 0.5 else self._a.commander.disarm
         return change(m.param2 == FORCE)
 
-    def _do_set_mode(self, m: Any, link: Link, _: Any) -> Result:
+    def _do_set_mode(self, m: Any, link: Connection, _: Any) -> Result:
         if not isinstance(self._a.commander, Px4):
             return Result.ACCEPTED if self._change_mode(_whole(m.param2)) else Result.FAILED
         self._change_mode(_whole(m.param2) << 16 | _whole(m.param3) << 24)
         return Result.ACCEPTED  # also when it was refused: measured
 
-    def _take_off(self, m: Any, link: Link, _: Any) -> Result:
+    def _take_off(self, m: Any, link: Connection, _: Any) -> Result:
         height = float(m.param7 if m.get_type() == "COMMAND_LONG" else m.z)
         if isinstance(self._a.commander, Px4):
             default = float(self._a.parameters["MIS_TAKEOFF_ALT"])
             height = height - telemetry.HOME[2] if math.isfinite(height) else default
         return self._a.commander.take_off(height)
 
-    def _return(self, m: Any, link: Link, _: Any) -> Result:
+    def _return(self, m: Any, link: Connection, _: Any) -> Result:
         return Result.ACCEPTED if self._a.commander.set_mode(Mode.RETURN) else Result.FAILED
 
-    def _land(self, m: Any, link: Link, _: Any) -> Result:
+    def _land(self, m: Any, link: Connection, _: Any) -> Result:
         return Result.ACCEPTED if self._a.commander.set_mode(Mode.LAND) else Result.FAILED
 
-    def _gripper(self, m: Any, link: Link, answer: Any) -> Result:
+    def _gripper(self, m: Any, link: Connection, answer: Any) -> Result:
         if isinstance(self._a.commander, Px4):
             return self._a.release.gripper_of_px4(_whole(m.param2), answer)
         return self._a.release.gripper_of_ardupilot(_whole(m.param2))
 
-    def _servo(self, m: Any, link: Link, _: Any) -> Result:
+    def _servo(self, m: Any, link: Connection, _: Any) -> Result:
         if isinstance(self._a.commander, Px4):
             return Result.UNSUPPORTED
         return self._a.release.servo_of_ardupilot(_whole(m.param1), m.param2)
 
-    def _actuator(self, m: Any, link: Link, _: Any) -> Result:
+    def _actuator(self, m: Any, link: Connection, _: Any) -> Result:
         if not isinstance(self._a.commander, Px4):
             return Result.UNSUPPORTED
         return self._a.release.actuator_of_px4(m.param1)
 
-    def _reboot(self, m: Any, link: Link, answer: Any) -> Result | None:
+    def _reboot(self, m: Any, link: Connection, answer: Any) -> Result | None:
         if _whole(m.param1) != 1:
             return Result.DENIED
         forced = (m.param6 if m.get_type() == "COMMAND_LONG" else m.y) == 20190226
@@ -180,19 +178,19 @@ class Inbox:
 
     # ------------------------------------------------------------ what it is asked to tell
 
-    def _interval(self, m: Any, link: Link, _: Any) -> Result:
+    def _interval(self, m: Any, link: Connection, _: Any) -> Result:
         name = telemetry.NAMES.get(_whole(m.param1))
         if name is None:
             return Result.FAILED
-        if name == "HEARTBEAT" and self._a.profile.fixed_heartbeat:
+        if name == "HEARTBEAT" and self._a.firmware.fixed_heartbeat:
             return Result.ACCEPTED
-        standard = self._a.profile.rates.get(name, 0.0)
+        standard = self._a.firmware.rates.get(name, 0.0)
         interval = min(m.param2, 2e9)
-        link.rates[name] = 1e6 / interval if interval > 0 else 0.0 if interval < 0 else standard
-        link.due.pop(name, None)
+        rate = 1e6 / interval if interval > 0 else 0.0 if interval < 0 else standard
+        link.set_rate(name, rate)
         return Result.ACCEPTED
 
-    def _get_interval(self, m: Any, link: Link, _: Any) -> Result:
+    def _get_interval(self, m: Any, link: Connection, _: Any) -> Result:
         number = _whole(m.param1)
         name = telemetry.NAMES.get(number)
         if name is None:
@@ -202,7 +200,7 @@ class Inbox:
         self._a.send(mavlink.MAVLink_message_interval_message(number, interval), link)
         return Result.ACCEPTED
 
-    def _request(self, m: Any, link: Link, _: Any) -> Result:
+    def _request(self, m: Any, link: Connection, _: Any) -> Result:
         name = telemetry.NAMES.get(_whole(m.param1))
         message = telemetry.BUILDERS[name](self._a) if name else None
         if message is None:
@@ -210,29 +208,29 @@ class Inbox:
         self._a.send(message, link)
         return Result.ACCEPTED
 
-    def _get_home(self, m: Any, link: Link, _: Any) -> Result:
+    def _get_home(self, m: Any, link: Connection, _: Any) -> Result:
         message = telemetry.BUILDERS["HOME_POSITION"](self._a)
         if message is None:
             return Result.FAILED
         self._a.send(message, link)
         return Result.ACCEPTED
 
-    def _version(self, m: Any, link: Link, _: Any) -> Result:
+    def _version(self, m: Any, link: Connection, _: Any) -> Result:
         self._a.send(telemetry.BUILDERS["AUTOPILOT_VERSION"](self._a), link)
         return Result.ACCEPTED
 
-    def _timesync(self, message: Any, link: Link) -> None:
+    def _timesync(self, message: Any, link: Connection) -> None:
         if message.tc1 == 0:
             nanoseconds = self._a.microseconds * 1000
             self._a.send(mavlink.MAVLink_timesync_message(nanoseconds, message.ts1), link)
 
-    def _mission(self, message: Any, link: Link) -> None:
+    def _mission(self, message: Any, link: Connection) -> None:
         system, component = message.get_srcSystem(), message.get_srcComponent()
         self._a.send(mavlink.MAVLink_mission_count_message(system, component, 0), link)
 
     # ------------------------------------------------------------ parameters
 
-    def _show(self, name: str, link: Link | None, index: int | None = None) -> None:
+    def _show(self, name: str, link: Connection | None, index: int | None = None) -> None:
         number, kind = self._a.parameters.encode(name)
         place = self._a.parameters.names.index(name) if index is None else index
         count = len(self._a.parameters)
@@ -240,18 +238,18 @@ class Inbox:
             mavlink.MAVLink_param_value_message(name.encode(), number, kind, count, place), link
         )
 
-    def _param_list(self, message: Any, link: Link) -> None:
+    def _param_list(self, message: Any, link: Connection) -> None:
         for index, name in enumerate(self._a.parameters.names):
             self._show(name, link, index)
 
-    def _param_read(self, message: Any, link: Link) -> None:
+    def _param_read(self, message: Any, link: Connection) -> None:
         if message.param_index >= 0:
             if message.param_index < len(self._a.parameters):
                 self._show(self._a.parameters.names[message.param_index], link)
         elif message.param_id in self._a.parameters:
             self._show(message.param_id, link)
 
-    def _param_set(self, message: Any, link: Link) -> None:
+    def _param_set(self, message: Any, link: Connection) -> None:
         name = message.param_id
         if name in self._a.parameters:
             value = self._a.parameters.decode(name, message.param_value, message.param_type)
@@ -259,7 +257,7 @@ class Inbox:
                 self._a.change(name, value)
             self._show(name, None)
 
-    def _signing(self, message: Any, link: Link) -> None:
+    def _signing(self, message: Any, link: Connection) -> None:
         if not self._a.commander.armed:
             self._a.sign(bytes(message.secret_key))
 

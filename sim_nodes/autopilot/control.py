@@ -18,7 +18,7 @@ from sim_nodes.autopilot.dynamics import PITCH, ROLL, THRUST, YAW, Airframe, mov
 
 Array = NDArray[np.float64]
 
-PLACE, SPEED, PUSH = 1, 2, 4
+HAS_POSITION, HAS_VELOCITY, HAS_ACCELERATION = 1, 2, 4
 """What a target says about an axis: position, velocity, acceleration; added where several."""
 
 HOVER_TIME = 1.0
@@ -76,16 +76,16 @@ def shape(reference: Array, axis: int, use: int, values: Array, gains: Gains, dt
     jerk, most = gains.jerk[kind], gains.acceleration[kind]
     speed = reference[1, axis]
     wanted = 0.0
-    if use & (PLACE | SPEED):
-        if use & PLACE:
+    if use & (HAS_POSITION | HAS_VELOCITY):
+        if use & HAS_POSITION:
             up, down = gains.speed[kind], gains.speed[2 if axis == 2 else 0]
             error = values[0, axis] - reference[0, axis]
             ahead = root_control(error, gains.position[kind], 0.7 * most)
-            wanted = clip(ahead, -up, down) + (values[1, axis] if use & SPEED else 0.0)
+            wanted = clip(ahead, -up, down) + (values[1, axis] if use & HAS_VELOCITY else 0.0)
         else:
             wanted = values[1, axis]
         rate = root_control(wanted - speed, jerk / most, jerk)
-        push = clip(rate, -most, most) + (values[2, axis] if use & PUSH else 0.0)
+        push = clip(rate, -most, most) + (values[2, axis] if use & HAS_ACCELERATION else 0.0)
     else:
         push = values[2, axis]
         if axis < 2:
@@ -112,10 +112,10 @@ def follow(
         corrected = True
     else:
         reference[:, axis] = position[axis], velocity[axis], 0.0
-        goal, ahead = values[0, axis], values[1, axis] if use & SPEED else 0.0
-        push = values[2, axis] if use & PUSH else 0.0
-        corrected = use & PLACE != 0
-        if not use & (PLACE | SPEED):
+        goal, ahead = values[0, axis], values[1, axis] if use & HAS_VELOCITY else 0.0
+        push = values[2, axis] if use & HAS_ACCELERATION else 0.0
+        corrected = use & HAS_POSITION != 0
+        if not use & (HAS_POSITION | HAS_VELOCITY):
             return push + (gains.lift_error if axis == 2 else 0.0)
         if not corrected:
             goal = position[axis]

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Mapping
 
 from iolspi_ros.errors import InputError
-from sim_nodes.autopilot.profiles import LIMITS, SIMULATION, Profile, Value
+from sim_nodes.autopilot.firmware import LIMITS, SIMULATION, Firmware, Value
 
 INT32, REAL32 = 6, 9
 """MAV_PARAM_TYPE."""
@@ -18,19 +18,19 @@ class Parameters:
 
     Parameters
     ----------
-    profile : Profile
+    firmware : Firmware
     changed : mapping of str to float
-        Values other than the profile's, from the command line.
+        Values other than the firmware's, from the command line.
     """
 
-    def __init__(self, profile: Profile, changed: Mapping[str, float]) -> None:
-        self._bytewise = profile.bytewise
-        self._values: dict[str, Value] = dict(sorted((profile.parameters | SIMULATION).items()))
+    def __init__(self, firmware: Firmware, changed: Mapping[str, float]) -> None:
+        self._bytewise = firmware.bytewise
+        self._values: dict[str, Value] = dict(sorted((firmware.parameters | SIMULATION).items()))
         self.names = list(self._values)
         for name, value in changed.items():
             if name not in self._values:
                 raise InputError(
-                    f"parameter {name} is not one of {profile.name}'s; allowed: "
+                    f"parameter {name} is not one of {firmware.name}'s; allowed: "
                     + ", ".join(self.names)
                 )
             if not self.allows(name, value):

@@ -1,4 +1,4 @@
-"""Where PX4 differs: see `profiles.PX4` for its numbers."""
+"""Where PX4 differs: see `firmware.PX4` for its numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from sim_nodes.autopilot.commander import CRITICAL, WARNING, Commander, Result
 from sim_nodes.autopilot.control import Gains, Target
-from sim_nodes.autopilot.profiles import Mode
+from sim_nodes.autopilot.firmware import Mode
 
 _NOTICE = 0.1  # until the loss of something has been noticed [s]
 _FLAP = 0.5  # a stream slower than the time-out by more than this is none [s]
@@ -80,7 +80,7 @@ class Px4(Commander):
             velocity_scale=1.065,  # without drag 2 m/s asked for are 2.13, as measured
             lift_error=0.061,  # 1 m lost in 6.5 s, as measured
             tilt=tilt,
-            push=9.81 * math.tan(tilt),
+            push=self.body.frame.g * math.tan(tilt),
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
 
@@ -115,7 +115,7 @@ class Px4(Commander):
             self.say(WARNING, f"{what} lost".capitalize())
         else:
             self.failsafes[what] = action
-            self.say(WARNING, f"Failsafe: {what} lost, {self.profile.names[action]}")
+            self.say(WARNING, f"Failsafe: {what} lost, {self.firmware.names[action]}")
 
     def _watch_stream(self) -> None:
         late = self.now - self._setpoint_at - float(self.parameters["COM_OF_LOSS_T"])

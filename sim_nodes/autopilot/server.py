@@ -13,8 +13,8 @@ from types import TracebackType
 
 from iolspi_ros.errors import InputError
 from sim_nodes.autopilot.autopilot import TICK, Autopilot
-from sim_nodes.autopilot.link import Link
-from sim_nodes.autopilot.profiles import find_profile
+from sim_nodes.autopilot.connection import Connection
+from sim_nodes.autopilot.firmware import find_firmware
 
 _BEHIND = 0.25  # wall time that is caught up with; more is left out [s]
 _LOOK = 0.002  # shortest sleep [s]
@@ -98,12 +98,12 @@ class Sitl:
     urls : sequence of str
         See `Port`; `addresses` says where each really is.
     parameters : mapping of str to float, optional
-        Values other than the profile's, from boot on.
+        Values other than the firmware's, from boot on.
     seed : int
     key : bytes, optional
         Of MAVLink signatures, 32 of them.
     ready_after : float, optional
-        Time after boot until it can be armed [s], instead of the profile's.
+        Time after boot until it can be armed [s], instead of the firmware's.
     """
 
     def __init__(
@@ -115,14 +115,14 @@ class Sitl:
         key: bytes | None = None,
         ready_after: float | None = None,
     ) -> None:
-        profile = find_profile(like)
+        firmware = find_firmware(like)
         if ready_after is not None:
-            profile = dataclasses.replace(profile, ready_after=ready_after)
-        Autopilot(profile).advance(TICK)  # compiles, so that no clock waits for it
-        self.autopilot = Autopilot(profile, parameters, seed, time.time(), key)
+            firmware = dataclasses.replace(firmware, ready_after=ready_after)
+        Autopilot(firmware).advance(TICK)  # compiles, so that no clock waits for it
+        self.autopilot = Autopilot(firmware, parameters, seed, time.time(), key)
         self.lock = threading.Lock()
         self._ports: list[Port] = []
-        self._links: list[Link] = []
+        self._links: list[Connection] = []
         try:
             for url in urls:
                 self._ports.append(Port(url))
@@ -190,7 +190,7 @@ class Sitl:
                 shown = now
                 show(self.autopilot)
 
-    def _read(self, port: Port, link: Link) -> None:
+    def _read(self, port: Port, link: Connection) -> None:
         for _ in range(_BATCH):
             data = port.receive()
             if data is None:

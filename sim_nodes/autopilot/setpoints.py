@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_nodes.autopilot.control import PLACE, PUSH, SPEED, Target
+from sim_nodes.autopilot.control import HAS_ACCELERATION, HAS_POSITION, HAS_VELOCITY, Target
 
 LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED = 1, 7, 8, 9
 BODY_FRD = 12
@@ -69,7 +69,11 @@ def of_ardupilot(message: Any, position: Any, yaw: float) -> Target | None:
         rows = _turned(rows, yaw)
     if message.coordinate_frame != LOCAL_NED:
         rows[0] += position
-    use = sum(flag for flag, took in zip((PLACE, SPEED, PUSH), taken, strict=True) if took)
+    use = sum(
+        flag
+        for flag, took in zip((HAS_POSITION, HAS_VELOCITY, HAS_ACCELERATION), taken, strict=True)
+        if took
+    )
     rows[~np.array(taken)] = 0.0
     return Target(np.full(3, use), rows, *_yaw(message))
 
@@ -90,7 +94,7 @@ def of_px4(message: Any, yaw: float) -> Target | None:
     elif message.coordinate_frame != LOCAL_NED:
         return None
     use = np.zeros(3, np.int64)
-    for row, flag in enumerate((PLACE, SPEED, PUSH)):
+    for row, flag in enumerate((HAS_POSITION, HAS_VELOCITY, HAS_ACCELERATION)):
         for axis in range(3):
             if not mask & (1 << 3 * row + axis) and math.isfinite(rows[row, axis]):
                 use[axis] |= flag

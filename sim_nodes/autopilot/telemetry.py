@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_nodes.autopilot.profiles import Mode
-
-if TYPE_CHECKING:
-    from sim_nodes.autopilot.autopilot import Autopilot
+from sim_nodes.autopilot.firmware import Mode
+from sim_nodes.autopilot.onboard import State
 
 HOME = (47.3977419, 8.5455938, 488.0)
 """Where it was switched on: latitude, longitude [deg], height over the sea [m]; chosen."""
@@ -40,11 +38,11 @@ def global_position(milliseconds: int, position: Any, velocity: Any, heading: in
     )
 
 
-def _heading(a: Autopilot) -> int:
+def _heading(a: State) -> int:
     return round(math.degrees(a.body.attitude[0, 2]) * 100.0) % 36000
 
 
-def heartbeat(a: Autopilot) -> Any:
+def heartbeat(a: State) -> Any:
     """Type, mode and whether it is armed."""
     flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
     if a.commander.mode in (Mode.EXTERNAL, Mode.RETURN, Mode.LAND, Mode.TAKEOFF):
@@ -54,16 +52,16 @@ def heartbeat(a: Autopilot) -> Any:
     state = mavlink.MAV_STATE_ACTIVE if a.commander.armed else mavlink.MAV_STATE_STANDBY
     if a.commander.failsafe:
         state = mavlink.MAV_STATE_CRITICAL
-    number = a.profile.modes[a.commander.mode]
-    return mavlink.MAVLink_heartbeat_message(2, a.profile.autopilot, flags, number, state, 3)
+    number = a.firmware.modes[a.commander.mode]
+    return mavlink.MAVLink_heartbeat_message(2, a.firmware.autopilot, flags, number, state, 3)
 
 
-def _attitude(a: Autopilot) -> Any:
+def _attitude(a: State) -> Any:
     angles, rates = a.body.attitude
     return mavlink.MAVLink_attitude_message(a.milliseconds, *angles, *rates)
 
 
-def _quaternion(a: Autopilot) -> Any:
+def _quaternion(a: State) -> Any:
     (roll, pitch, yaw), rates = a.body.attitude
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
@@ -75,20 +73,20 @@ def _quaternion(a: Autopilot) -> Any:
     return mavlink.MAVLink_attitude_quaternion_message(a.milliseconds, *parts, *rates)
 
 
-def _local(a: Autopilot) -> Any:
+def _local(a: State) -> Any:
     if not a.commander.ready:
         return None
     place, speed = a.body.position, a.body.velocity
     return mavlink.MAVLink_local_position_ned_message(a.milliseconds, *place, *speed)
 
 
-def _global(a: Autopilot) -> Any:
+def _global(a: State) -> Any:
     if not a.commander.ready:
         return None
     return global_position(a.milliseconds, a.body.position, a.body.velocity, _heading(a))
 
 
-def _sys_status(a: Autopilot) -> Any:
+def _sys_status(a: State) -> Any:
     healthy = _PRESENT
     if not a.commander.ready:
         healthy &= ~(mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_SENSOR_GPS)
@@ -97,7 +95,7 @@ def _sys_status(a: Autopilot) -> Any:
     )
 
 
-def _extended(a: Autopilot) -> Any:
+def _extended(a: State) -> Any:
     landed = mavlink.MAV_LANDED_STATE_IN_AIR
     if a.body.landed:
         landed = mavlink.MAV_LANDED_STATE_ON_GROUND
@@ -108,7 +106,7 @@ def _extended(a: Autopilot) -> Any:
     return mavlink.MAVLink_extended_sys_state_message(0, landed)
 
 
-def _estimator(a: Autopilot) -> Any:
+def _estimator(a: State) -> Any:
     flags = _GLOBAL_OK if a.commander.ready else _PRESENT_NO_POSITION
     ratio = 0.1 if a.commander.ready else 2.0
     return mavlink.MAVLink_estimator_status_message(
@@ -116,28 +114,28 @@ def _estimator(a: Autopilot) -> Any:
     )
 
 
-def _ekf(a: Autopilot) -> Any:
+def _ekf(a: State) -> Any:
     flags, variance = (0x33F, 0.1) if a.commander.ready else (0xA7, 2.0)
     return mavlink.MAVLink_ekf_status_report_message(flags, *[variance] * 5)
 
 
-def _system_time(a: Autopilot) -> Any:
+def _system_time(a: State) -> Any:
     return mavlink.MAVLink_system_time_message(a.unix_microseconds, a.milliseconds)
 
 
-def _home(a: Autopilot) -> Any:
+def _home(a: State) -> Any:
     if not a.commander.ready:
         return None
     place = round(HOME[0] * 1e7), round(HOME[1] * 1e7), round(HOME[2] * 1e3)
     return mavlink.MAVLink_home_position_message(*place, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
 
 
-def _battery(a: Autopilot) -> Any:
+def _battery(a: State) -> Any:
     cells = [4050] * 4 + [65535] * 6
     return mavlink.MAVLink_battery_status_message(0, 0, 3, 32767, cells, -1, -1, -1, 90)
 
 
-def _gps(a: Autopilot) -> Any:
+def _gps(a: State) -> Any:
     latitude, longitude, height = globe(a.body.position)
     fix = 3 if a.commander.ready else 1
     return mavlink.MAVLink_gps_raw_int_message(
@@ -146,14 +144,14 @@ def _gps(a: Autopilot) -> Any:
     )  # fmt: skip
 
 
-def _servos(a: Autopilot) -> Any:
+def _servos(a: State) -> Any:
     spinning = 1100 + round(50.0 * float(a.body.state[12])) if a.commander.armed else 1000
     return mavlink.MAVLink_servo_output_raw_message(
         a.microseconds % 2**32, 0, *[min(spinning, 2000)] * 4, *a.release.servos
     )
 
 
-def _hud(a: Autopilot) -> Any:
+def _hud(a: State) -> Any:
     speed = float(np.hypot(*a.body.velocity[:2]))
     down, climb = float(a.body.position[2]), -float(a.body.velocity[2])
     thrust = min(100, round(2.5 * float(a.body.state[12])))
@@ -162,25 +160,25 @@ def _hud(a: Autopilot) -> Any:
     )
 
 
-def _rc(a: Autopilot) -> Any:
+def _rc(a: State) -> Any:
     channels = getattr(a.commander, "channels", [0] * 8)
     return mavlink.MAVLink_rc_channels_message(
         a.milliseconds, 8, *channels, *[65535] * 10, 255 if any(channels) else 0
     )
 
 
-def _timesync(a: Autopilot) -> Any:
+def _timesync(a: State) -> Any:
     return mavlink.MAVLink_timesync_message(0, a.microseconds * 1000)
 
 
-def _version(a: Autopilot) -> Any:
+def _version(a: State) -> Any:
     capable = (
         mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | (
             mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-            if a.profile.bytewise
+            if a.firmware.bytewise
             else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         )
     )
@@ -188,7 +186,7 @@ def _version(a: Autopilot) -> Any:
     return mavlink.MAVLink_autopilot_version_message(capable, 0, 0, 0, 0, none, none, none, 0, 0, 1)
 
 
-BUILDERS: dict[str, Callable[[Autopilot], Any]] = {
+BUILDERS: dict[str, Callable[[State], Any]] = {
     "HEARTBEAT": heartbeat, "ATTITUDE": _attitude, "ATTITUDE_QUATERNION": _quaternion,
     "LOCAL_POSITION_NED": _local, "GLOBAL_POSITION_INT": _global, "SYS_STATUS": _sys_status,
     "EXTENDED_SYS_STATE": _extended, "ESTIMATOR_STATUS": _estimator, "EKF_STATUS_REPORT": _ekf,

@@ -12,8 +12,8 @@ from typing import NamedTuple
 from iolspi_ros.settings import Settings, setting
 
 
-class Commander(IntEnum):
-    """Who commands. The numbers are those on the topic `authority`."""
+class Authority(IntEnum):
+    """Who commands the vehicle. The numbers are those on the topic `authority`."""
 
     NOBODY = 0
     """Nothing is sent but heartbeats: not flying."""
@@ -85,7 +85,7 @@ class Situation(NamedTuple):
         One is running.
     action_age : float
         Since the state that the newest action answers.
-    alone : float
+    unanswered : float
         For how long nobody has answered at all.
     violation : str
         What is beyond the envelope; empty inside.
@@ -106,7 +106,7 @@ class Situation(NamedTuple):
     load_age: float = 0.0
     episode: bool = False
     action_age: float = 0.0
-    alone: float = 0.0
+    unanswered: float = 0.0
     violation: str = ""
     pilot: bool = False
     deadman: bool = True
@@ -114,52 +114,52 @@ class Situation(NamedTuple):
     paused: bool = False
 
 
-class Verdict(NamedTuple):
+class Ruling(NamedTuple):
     """Who commands, and why not the one above."""
 
-    commander: Commander
+    authority: Authority
     reason: str = ""
 
 
-def decide(s: Situation, timeouts: Timeouts) -> Verdict:
+def arbitrate(s: Situation, timeouts: Timeouts) -> Ruling:
     """Who commands a vehicle in flight."""
     if s.silence > timeouts.telemetry_timeout:
-        return Verdict(Commander.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
+        return Ruling(Authority.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
     if not s.armed:
-        return Verdict(Commander.OTHER, "the vehicle was disarmed")
+        return Ruling(Authority.OTHER, "the vehicle was disarmed")
     if not s.controlled:
-        return Verdict(Commander.OTHER, "somebody changed the mode")
+        return Ruling(Authority.OTHER, "somebody changed the mode")
     if s.lost > timeouts.estimator_timeout:
-        return Verdict(Commander.LAND, "the autopilot has lost its position estimate")
+        return Ruling(Authority.LAND, "the autopilot has lost its position estimate")
     if s.telemetry_age > timeouts.telemetry_timeout:
-        return Verdict(Commander.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
+        return Ruling(Authority.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
     if s.pilot:
-        return Verdict(Commander.PILOT, "a person has taken over")
+        return Ruling(Authority.PILOT, "a person has taken over")
     if s.violation:
-        return Verdict(Commander.HOLD, f"envelope: {s.violation}")
+        return Ruling(Authority.HOLD, f"envelope: {s.violation}")
     if s.jumped:
-        return Verdict(Commander.HOLD, "the autopilot's clock has jumped")
+        return Ruling(Authority.HOLD, "the autopilot's clock has jumped")
     if s.round_trip > timeouts.round_trip_limit:
-        return Verdict(
-            Commander.HOLD, f"the link is slow: over {timeouts.round_trip_limit:g} s there and back"
+        return Ruling(
+            Authority.HOLD, f"the link is slow: over {timeouts.round_trip_limit:g} s there and back"
         )
     if s.paused:
-        return Verdict(Commander.HOLD, "paused")
+        return Ruling(Authority.HOLD, "paused")
     if not s.deadman:
-        return Verdict(Commander.HOLD, "the deadman's button was let go")
+        return Ruling(Authority.HOLD, "the deadman's button was let go")
     if s.load_age > timeouts.load_timeout:
-        return Verdict(Commander.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
-    if s.alone > timeouts.land_after:
-        return Verdict(Commander.LAND, f"nobody has answered for {timeouts.land_after:g} s")
+        return Ruling(Authority.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
+    if s.unanswered > timeouts.land_after:
+        return Ruling(Authority.LAND, f"nobody has answered for {timeouts.land_after:g} s")
     if not s.episode:
-        return Verdict(Commander.BRIDGE)
+        return Ruling(Authority.BRIDGE)
     return _actor(s, timeouts)
 
 
-def _actor(s: Situation, timeouts: Timeouts) -> Verdict:
+def _actor(s: Situation, timeouts: Timeouts) -> Ruling:
     """The ladder during an episode."""
     if s.action_age <= timeouts.action_timeout:
-        return Verdict(Commander.ACTOR)
+        return Ruling(Authority.ACTOR)
     if s.action_age <= timeouts.action_timeout + timeouts.neutral_time:
-        return Verdict(Commander.NEUTRAL, f"no action for {timeouts.action_timeout:g} s")
-    return Verdict(Commander.HOLD, "the learner is silent")
+        return Ruling(Authority.NEUTRAL, f"no action for {timeouts.action_timeout:g} s")
+    return Ruling(Authority.HOLD, "the learner is silent")

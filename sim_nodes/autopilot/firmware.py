@@ -30,7 +30,7 @@ Value = float | int
 
 
 @dataclass(frozen=True)
-class Profile:
+class Firmware:
     """One autopilot: its numbers on the wire, parameters, rates and delays."""
 
     name: str
@@ -78,7 +78,7 @@ LIMITS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """Within which a parameter may be set; those that are not here may be any finite number."""
 
-PX4 = Profile(
+PX4 = Firmware(
     name="px4",
     autopilot=12,  # measured, as are the modes
     modes={
@@ -113,7 +113,7 @@ PX4 = Profile(
     spool_up=1.0,  # chosen
 )  # fmt: skip
 
-ARDUPILOT = Profile(
+ARDUPILOT = Firmware(
     name="ardupilot",
     autopilot=3,  # measured, as are the modes
     modes={
@@ -149,17 +149,17 @@ ARDUPILOT = Profile(
     spool_up=0.8,  # with it a take-off to 5 m takes the measured 5.3 s
 )  # fmt: skip
 
-PROFILES = {profile.name: profile for profile in (PX4, ARDUPILOT)}
+FIRMWARES = {firmware.name: firmware for firmware in (PX4, ARDUPILOT)}
 
 
-def find_profile(name: str) -> Profile:
-    """The profile of that name.
+def find_firmware(name: str) -> Firmware:
+    """The firmware of that name.
 
     Raises
     ------
     InputError
         When there is none.
     """
-    if name not in PROFILES:
-        raise InputError(f"--like is {name!r}; allowed: {', '.join(PROFILES)}")
-    return PROFILES[name]
+    if name not in FIRMWARES:
+        raise InputError(f"--like is {name!r}; allowed: {', '.join(FIRMWARES)}")
+    return FIRMWARES[name]

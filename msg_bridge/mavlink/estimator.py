@@ -18,7 +18,7 @@ _FURTHEST = 0.5  # telemetry is carried on along its velocity for no longer than
 _SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the cable
 
 
-class Sight:
+class StateEstimator:
     """The vehicle and its load in the task's track.
 
     Parameters

@@ -11,7 +11,7 @@ from sim_nodes.tasks.slung_load import SlungLoad
 Array = NDArray[np.float64]
 
 
-class Episode:
+class EpisodeClock:
     """Counts steps by the clock, and remembers which action was in force for how long.
 
     A state that comes late by more than half a step gets the number that its time says, not the
@@ -36,8 +36,8 @@ class Episode:
         """The newest step that was answered."""
         self.answered_time = start
         """Of the state which that step showed [s]."""
-        self.action = task.neutral
-        self._held = np.zeros(len(task.actions))
+        self.action = task.description.neutral
+        self._held = np.zeros(task.description.n_actions)
 
     def first(self) -> Observation:
         """The observation that it begins with."""
@@ -47,7 +47,7 @@ class Episode:
         """Take an answer; False when it is older than one that was taken, or of no state yet."""
         if not self.answered < step <= self.step:
             return False
-        late = (self.step - step) * self._task.dt
+        late = (self.step - step) * self._task.description.sampling_time
         self.answered, self.answered_time = step, self.time - late
         self.action = action
         return True
@@ -58,24 +58,24 @@ class Episode:
 
     def due(self, now: float) -> bool:
         """Whether the next state should be shown."""
-        return now >= self.start + (self.step + 1) * self._task.dt - 1e-6
+        return now >= self.start + (self.step + 1) * self._task.description.sampling_time - 1e-6
 
     def advance(self, now: float, state: Array) -> Observation:
         """The vehicle has come to a state."""
         before, action = self.state, self._applied()
         reward, terminated = self._task.judge(before, state)
-        step = max(self.step + 1, round((now - self.start) / self._task.dt))
+        step = max(self.step + 1, round((now - self.start) / self._task.description.sampling_time))
         self.step, self.state, self.time = step, state, now
-        cut = not terminated and step >= self._task.episode_steps
+        cut = not terminated and step >= self._task.description.episode_steps
         return Observation(self.number, step, state, reward, action, terminated, cut)
 
-    def dropped(self, now: float, state: Array, action: int, reward: float) -> Observation:
+    def landed(self, now: float, state: Array, action: int, reward: float) -> Observation:
         """The load is down: the end, with what the task gives for it."""
         self.step, self.state, self.time = self.step + 1, state, now
         return Observation(self.number, self.step, state, reward, action, True, False)
 
     def _applied(self) -> int:
         """The action that was in force for the longest part of the step."""
-        action = int(np.argmax(self._held)) if self._held.any() else self._task.neutral
+        action = int(np.argmax(self._held)) if self._held.any() else self._task.description.neutral
         self._held[:] = 0.0
         return action

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from msg_bridge.mavlink.envelope import Motion
+from sim_nodes.tasks.base import G
 
-_G = 9.81  # [m/s²]
 _LEAD = 2.0  # the regulator never sees the target further away than this [m]: it bounds the speed
 
 
-class Ferry:
+class Transit:
     """Accelerations along and across the track that lead to a place.
 
     Parameters
@@ -27,7 +27,7 @@ class Ferry:
         dynamics = np.zeros((5, 5))
         dynamics[0, 1] = dynamics[2, 3] = 1.0
         dynamics[1, 4] = 1.0
-        dynamics[3, 2], dynamics[3, 4] = -_G / cable, -1.0 / cable
+        dynamics[3, 2], dynamics[3, 4] = -G / cable, -1.0 / cable
         dynamics[4, 4] = -1.0 / response
         drive = np.zeros((5, 1))
         drive[4, 0] = 1.0 / response

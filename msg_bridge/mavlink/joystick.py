@@ -1,4 +1,4 @@
-"""A person's hands on a joystick: a button that lets the learner fly, and one that takes over."""
+"""The safety pilot's joystick: a button that lets the learner fly, and one that takes over."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from iolspi_ros.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class HandSettings(Settings):
+class SafetyPilotSettings(Settings):
     """Which parts of the joystick the bridge listens to."""
 
     deadman_button: int = setting(
@@ -23,25 +23,35 @@ class HandSettings(Settings):
     takeover_inverted: bool = setting(True, "whether the axis' positive end (left) is backwards")
 
 
-class Grip(NamedTuple):
-    """What the hands say."""
+class SafetyPilot(NamedTuple):
+    """What a person does who looks after a flight.
 
-    deadman: bool
-    stick: float | None
-    """-1 to 1 while a person flies."""
+    Attributes
+    ----------
+    deadman : bool
+        Lets the learner fly.
+    stick : float or None
+        -1 to 1 while the person flies.
+    paused : bool
+        Has asked to wait.
+    """
+
+    deadman: bool = True
+    stick: float | None = None
+    paused: bool = False
 
 
-def grip(
-    settings: HandSettings, buttons: Sequence[int], axes: Sequence[float], *, fresh: bool
-) -> Grip:
-    """What the hands say.
+def read_joystick(
+    settings: SafetyPilotSettings, buttons: Sequence[int], axes: Sequence[float], *, fresh: bool
+) -> SafetyPilot:
+    """What the person at a joystick does.
 
     A stick that falls silent holds no deadman's button; who flew with it keeps the vehicle, at
     rest: nothing goes on by itself when a person's link is lost.
 
     Parameters
     ----------
-    settings : HandSettings
+    settings : SafetyPilotSettings
     buttons, axes : sequence
         Of the latest message; empty when there was none.
     fresh : bool
@@ -53,7 +63,7 @@ def grip(
 
     deadman = settings.deadman_button < 0 or (fresh and held(settings.deadman_button))
     if not held(settings.takeover_button):
-        return Grip(deadman, None)
+        return SafetyPilot(deadman, None)
     value = axes[settings.takeover_axis] if settings.takeover_axis < len(axes) and fresh else 0.0
-    value = max(-1.0, min(float(value), 1.0)) if value == value else 0.0  # NaN is no wish
-    return Grip(deadman, -value if settings.takeover_inverted else value)
+    value = max(-1.0, min(float(value), 1.0)) if value == value else 0.0  # NaN says nothing
+    return SafetyPilot(deadman, -value if settings.takeover_inverted else value)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ _YEAR_2015 = 1420070400
 """Signatures count tens of microseconds from there [s after the epoch]."""
 
 
-class Weather:
+class Channel:
     """What a link does to datagrams, the same for all links."""
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -26,22 +27,21 @@ class Weather:
         return now < self.cut_until or bool(lost)
 
 
-class Link:
+class Connection:
     """A connection to one peer; no socket: bytes come in and go out by calls.
 
     Parameters
     ----------
-    weather : Weather
+    channel : Channel
     number : int
         Of the link, in its signatures.
     rates : dict of str to float
         Messages sent without being asked [Hz].
     """
 
-    def __init__(self, weather: Weather, number: int, rates: dict[str, float]) -> None:
-        self._weather = weather
-        self.rates = dict(rates)
-        self.due: dict[str, float] = {}
+    def __init__(self, channel: Channel, number: int, rates: dict[str, float]) -> None:
+        self._channel = channel
+        self.set_rates(rates)
         self._queue: list[tuple[float, int, bool, bytes]] = []
         self._count = 0
         self._parser = mavlink.MAVLink(None)
@@ -63,6 +63,36 @@ class Link:
 
     # ------------------------------------------------------------ out
 
+    def set_rates(self, rates: Mapping[str, float]) -> None:
+        """Send these messages without being asked from now on [Hz], and nothing else."""
+        self.rates = dict(rates)
+        self._due: dict[str, float] = {}
+        self._next = -math.inf
+
+    def set_rate(self, name: str, rate: float) -> None:
+        """Send a message at a rate from now on [Hz]; 0 for no more."""
+        self.rates[name] = rate
+        self._due.pop(name, None)
+        self._next = -math.inf
+
+    def due(self, now: float) -> list[str]:
+        """Messages whose time has come."""
+        if now < self._next - 1e-9:
+            return []
+        found = []
+        self._next = math.inf
+        for name, rate in self.rates.items():
+            if rate <= 0.0:
+                continue
+            due = self._due.get(name, now)
+            if now >= due - 1e-9:
+                found.append(name)
+                # From when it was due, so that the rate holds; not to catch up after a change.
+                due = max(due + 1.0 / rate, now)
+                self._due[name] = due
+            self._next = min(self._next, due)
+        return found
+
     def send(self, message: Any, system: int, component: int, now: float) -> None:
         """Pack a message of one of our systems and send it."""
         sender = self._senders.get((system, component))
@@ -73,9 +103,9 @@ class Link:
             self._senders[system, component] = sender
         data = bytes(message.pack(sender))
         sender.seq = (sender.seq + 1) % 256
-        if self._weather.takes(now):
+        if self._channel.takes(now):
             return
-        if self._weather.delay > 0.0:
+        if self._channel.delay > 0.0:
             self._later(now, True, data)
         else:
             self.out.append(data)
@@ -84,9 +114,9 @@ class Link:
 
     def receive(self, data: bytes, now: float) -> Iterator[Any]:
         """Messages in a datagram, unless it is lost or comes later."""
-        if self._weather.takes(now):
+        if self._channel.takes(now):
             return
-        if self._weather.delay > 0.0:
+        if self._channel.delay > 0.0:
             self._later(now, False, data)
         else:
             yield from self._parse(data)
@@ -102,7 +132,7 @@ class Link:
 
     def _later(self, now: float, outgoing: bool, data: bytes) -> None:
         self._count += 1
-        entry = (now + self._weather.delay, self._count, outgoing, data)
+        entry = (now + self._channel.delay, self._count, outgoing, data)
         heapq.heappush(self._queue, entry)
 
     def _parse(self, data: bytes) -> Iterator[Any]:

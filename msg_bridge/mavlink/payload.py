@@ -1,0 +1,140 @@
+"""Letting the load go, watching where it lands, and getting the next one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.mavlink.envelope import Motion
+from msg_bridge.mavlink.estimator import StateEstimator
+from msg_bridge.mavlink.gripper import Gripper
+from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.phases import Phase
+from msg_bridge.mavlink.profiles import AutopilotProfile
+from msg_bridge.mavlink.settings import FlightSettings
+from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
+
+Array = NDArray[np.float64]
+
+_LONGEST = 2.0  # that a load is watched after it was let go [s]
+_PATIENCE = 5.0  # before a person is told that no load comes [s]
+_FRESH = 0.2  # a load seen so long after the gripper was shut is the new one [s]
+
+
+class PayloadReport(NamedTuple):
+    """How it stands with the load.
+
+    Attributes
+    ----------
+    gone : bool
+        There is no load on the cable.
+    reward : float or None
+        Of the task, for where it came down; None while that is open.
+    failure : str
+        Why it did not come down; empty as long as it may.
+    reloaded : bool
+        A load hangs on the cable again.
+    lacking : str
+        What a person should know while no load comes; empty for nothing yet.
+    """
+
+    gone: bool = False
+    reward: float | None = None
+    failure: str = ""
+    reloaded: bool = False
+    lacking: str = ""
+
+
+class Payload:
+    """One load's way down, and the next one's way up.
+
+    Parameters
+    ----------
+    task : SlungLoad
+    link : AutopilotLink
+    profile : AutopilotProfile
+    settings : FlightSettings
+    estimator : StateEstimator
+    """
+
+    def __init__(
+        self,
+        task: SlungLoad,
+        link: AutopilotLink,
+        profile: AutopilotProfile,
+        settings: FlightSettings,
+        estimator: StateEstimator,
+    ) -> None:
+        self._task, self._estimator = task, estimator
+        self._telemetry = link.telemetry
+        self._gripper = Gripper(link, profile, settings)
+        self._since = 0.0
+        self._released: Array = np.zeros(4)
+
+    def release(self, motion: Motion, now: float) -> None:
+        """Let it go, now."""
+        self._gripper.turn(open_it=True, now=now)
+        self._since = now
+        self._released = np.array([motion.x, motion.speed, motion.swing, motion.swing_rate])
+        self._estimator.let_go(motion, self._task.rim)
+
+    def reload(self, now: float) -> None:
+        """Shut the gripper: a simulator hangs a new load there, as a person would."""
+        self._gripper.turn(open_it=False, now=now)
+        self._since = now
+
+    def report(self, phase: Phase, now: float) -> PayloadReport:
+        """How it stands, asking the gripper again where it has not answered."""
+        if phase is Phase.RELEASE:
+            reward = self._reward(now)
+            failure = self._failure(now) if reward is None else ""
+            return PayloadReport(self._gone, reward, failure)
+        if phase is Phase.RELOAD:
+            reloaded = self._reloaded(now)
+            lacking = "" if reloaded else self._lacking(now)
+            return PayloadReport(self._gone, reloaded=reloaded, lacking=lacking)
+        return PayloadReport(self._gone)
+
+    @property
+    def _gone(self) -> bool:
+        return self._estimator.fall is not None
+
+    def _reward(self, now: float) -> float | None:
+        """The task's reward for where the load came down; None while that is open.
+
+        It is the place that the load's own system reported. Where there is none, it is that of
+        the parabola from the state in which the load was let go.
+        """
+        self._gripper.tick(now)
+        fall = self._estimator.fall
+        if not self._estimator.feed:
+            answered = self._gripper.result() is not None and not self._gripper.refusal(now)
+            return float(self._task.step(self._released, RELEASE)[1]) if answered else None
+        if fall is None or self._estimator.hangs():
+            return None
+        if fall.landing is None and fall.lowest > fall.plane:
+            return None
+        return self._task.landed(fall.landing)
+
+    def _failure(self, now: float) -> str:
+        why = self._gripper.refusal(now)
+        if not why and now - self._since > _LONGEST:
+            why = "the load was let go, says the gripper, but it was not seen to fall"
+        if why and self._estimator.hangs():
+            self._estimator.fall = None
+        return why
+
+    def _reloaded(self, now: float) -> bool:
+        self._gripper.tick(now)
+        seen = not self._estimator.feed or self._telemetry.load_time > self._since + _FRESH
+        if self._gripper.result() is None or not seen or not self._estimator.hangs():
+            return False
+        self._estimator.loaded()
+        return True
+
+    def _lacking(self, now: float) -> str:
+        if now - self._since < _PATIENCE:
+            return ""
+        return self._gripper.refusal(now) or "no load is seen on the cable"
