@@ -19,7 +19,7 @@ STOP, FORWARD, BACKWARD, LEFT, RIGHT = range(5)
 
 
 def choose(x, y, heading):
-    if math.hypot(x, y) < 0.1:
+    if math.hypot(x, y) < 0.2:
         return STOP
     error = math.remainder(math.atan2(-y, -x) - heading, 2 * math.pi)
     if abs(error) < 0.3:
