@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from geometry_msgs.msg import Quaternion, Twist
@@ -317,6 +316,8 @@ PLACE = CART["state"]["x"]
         (changed("state", x=PLACE | {"topic": "a b"}), "a name such as /odom"),
         (changed("state", x=PLACE | {"qos": "fast"}), "allowed: best_effort, reliable, latched"),
         (changed("state", x=PLACE | {"scale": "1 / 0"}), "division by zero"),
+        (changed("state", v={"expression": "2 * v"}), "there is no v"),
+        ({"inputs": {"x": PLACE}}, "inputs has 'x', which is a variable"),
         (changed("state", v={"rate_of": "v"}), "rate_of in state of v is 'v'; allowed: x"),
         (changed("command", fields={"data": "2 * speed"}), "there is no speed"),
         (changed("command", fields={"datum": 1}), "has no field datum"),
@@ -351,6 +352,10 @@ def test_code_in_a_file_is_not_run(tmp_path):
 
 def test_the_example_is_a_robot():
     described = read_robot(PARK)
-    assert described.task.names == ("x", "y", "heading")
-    assert described.rules.judge((1, 0, 0), 1, (0.1, 0, 0)) == (10.0, True, False)
-    assert SimpleNamespace(n=described.task.n_actions).n == 5
+    assert described.task.names == ("distance", "bearing")
+    assert described.rules.judge((1, 0), 1, (0.1, 0)) == (10.0, True, False)
+    sensing, odometry = Sensing(described), Odometry()
+    odometry.pose.pose.position.x, odometry.pose.pose.position.y = -3.0, 4.0
+    odometry.pose.pose.orientation = Quaternion(z=math.sin(0.5), w=math.cos(0.5))
+    sensing.hear("odom", odometry, S)
+    assert sensing.state(S) == pytest.approx([5.0, math.atan2(-4.0, 3.0) - 1.0])

@@ -198,7 +198,7 @@ def test_it_learns_to_park(nodes, node, example, tmp_path):
     rewards = rows(node, "reward")
     nodes.start(
         "learner", "-p", "background:=true", "-p", "update_interval:=200",
-        "-p", "centers:=[5,5,5]", "-p", "epsilon:=0.2", "-p", "epsilon_decay:=0.99",
+        "-p", "-p", "epsilon:=0.2", "-p", "epsilon_decay:=0.99",
     )  # fmt: skip
     nodes.start("demonstrator", "-p", f"bags:=[{tmp_path / 'parking'}]", name="player")
 

@@ -16,7 +16,7 @@ from iolspi_ros.task.rules import Rules, action_values, read_rules
 from msg_bridge.ros.fields import Path, message_type
 
 RELIABILITY = ("best_effort", "reliable", "latched")
-_OWN = ("state", "command", "limits", "allowed", "reset", "max_age", "answer_within")
+_OWN = ("inputs", "state", "command", "limits", "allowed", "reset", "max_age", "answer_within")
 MOST = 100
 """Topics and fields at most."""
 
@@ -40,6 +40,8 @@ class Source:
         Another variable, whose differences it is.
     filter_time : float
         Time constant of those differences' filter [s].
+    expression : Expression, optional
+        Over the inputs and the variables that topics say, which it is computed from.
     qos : str
     """
 
@@ -53,6 +55,7 @@ class Source:
     offset: float = 0.0
     rate_of: str = ""
     filter_time: float = 0.0
+    expression: Expression | None = None
     qos: str = "best_effort"
 
 
@@ -123,6 +126,8 @@ class Robot:
     ----------
     task : TaskDescription
     rules : Rules
+    inputs : tuple of Source
+        What variables are computed from, and is none itself.
     sources : tuple of Source
         In the order of the variables.
     outputs : tuple of Output
@@ -139,6 +144,7 @@ class Robot:
 
     task: TaskDescription
     rules: Rules
+    inputs: tuple[Source, ...]
     sources: tuple[Source, ...]
     outputs: tuple[Output, ...]
     limits: tuple[tuple[float, float], ...]
@@ -173,10 +179,18 @@ def _robot(content: Mapping[str, Any], task: TaskDescription, rules: Rules) -> R
     places = _mapping(content.get("state"), "state")  # of variables, in the robot's topics
     _check_keys(places, task.names, "state", all_of_them=True)
     dt = task.sampling_time
-    sources = tuple(_source(name, places[name], task) for name in task.names)
-    _check_topics(sources)
+    raw = _mapping(content.get("inputs", {}), "inputs")
+    if twice := [name for name in raw if name in task.names]:
+        raise InputError(f"inputs has {twice[0]!r}, which is a variable; allowed: another name")
+    derived = [
+        name for name, said in places.items() if isinstance(said, Mapping) and "expression" in said
+    ]
+    heard = [*raw, *(name for name in task.names if name not in derived)]
+    inputs = tuple(_source(str(name), said, heard) for name, said in raw.items())
+    sources = tuple(_source(name, places[name], heard) for name in task.names)
+    _check_topics((*inputs, *sources))
     return Robot(
-        task, rules, sources,
+        task, rules, inputs, sources,
         _outputs(content.get("command"), task),
         _limits(content.get("limits", {}), task),
         _allowed(content.get("allowed", {}), task),
@@ -189,13 +203,17 @@ def _robot(content: Mapping[str, Any], task: TaskDescription, rules: Rules) -> R
 # ---------------------------------------------------------------- state
 
 
-def _source(variable: str, entry: Any, task: TaskDescription) -> Source:
+def _source(variable: str, entry: Any, heard: Sequence[str]) -> Source:
     what = f"state of {variable}"
     said = _mapping(entry, what)
+    if "expression" in said:
+        _check_keys(said, ("expression",), what)
+        rule = Expression(said["expression"], heard, f"expression in {what}")
+        return Source(variable, expression=rule)
     if "rate_of" in said:
         _check_keys(said, ("rate_of", "filter", "scale"), what)
-        if said["rate_of"] not in task.names or said["rate_of"] == variable:
-            others = ", ".join(name for name in task.names if name != variable)
+        if said["rate_of"] not in heard or said["rate_of"] == variable:
+            others = ", ".join(name for name in heard if name != variable)
             raise InputError(f"rate_of in {what} is {said['rate_of']!r}; allowed: {others}")
         smooth = _number(said, "filter", what, 0.0, 0.0)
         scale = _constant(said.get("scale", 1.0), f"scale in {what}")

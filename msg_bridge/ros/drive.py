@@ -114,10 +114,21 @@ class Drive:
         low, high = self._robot.limits[place]
         value = self.sensing.value(place)
         if not low <= value <= high:
-            name = self._task.names[place]
-            self._breach = f"{name} is {value:.4g}, beyond its limits {low:g} to {high:g}"
+            self._breach = self._words(place, value)
             self.counts["limits passed"] += 1
             self._neutral()
+
+    def _beyond(self, state: list[float]) -> str:
+        """Which variable is beyond its limits, in words; empty for none."""
+        for place, (low, high) in enumerate(self._robot.limits):
+            if not low <= state[place] <= high:
+                return self._words(place, state[place])
+        return ""
+
+    def _words(self, place: int, value: float) -> str:
+        low, high = self._robot.limits[place]
+        name = self._task.names[place]
+        return f"{name} is {value:.4g}, beyond its limits {low:g} to {high:g}"
 
     def answer(self, episode: float, step: float, action: int) -> None:
         """Take an action that answers a state."""
@@ -174,10 +185,9 @@ class Drive:
             self._wait_for(str(error))
             return
         values = dict(zip(self._task.names, state, strict=True))
-        for (low, high), (name, value) in zip(self._robot.limits, values.items(), strict=True):
-            if not low <= value <= high:
-                self._wait_for(f"{name} is {value:.4g}, beyond its limits {low:g} to {high:g}")
-                return
+        if beyond := self._beyond(state):
+            self._wait_for(beyond)
+            return
         ready = self._robot.reset.ready
         if ready and not ready(values):
             self._wait_for(f"the robot is not where it is to start: {ready.text} does not hold")
@@ -200,6 +210,7 @@ class Drive:
         except InputError as error:
             self._leave_out(str(error), now)
             return
+        self._breach = self._breach or self._beyond(state)
         if self._gap or self._breach:  # what was in force is not one action: no transition
             self._step += 1
             self.counts["left out"] += 1

@@ -41,9 +41,13 @@ class Sensing:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._sources, self._variables = robot.sources, robot.task.variables
+        # The variables first, in their order, so that a place here is one in the state.
+        self._sources = (*robot.sources, *robot.inputs)
+        inputs = tuple(Variable(source.variable) for source in robot.inputs)
+        self._variables = (*robot.task.variables, *inputs)
         self._max_age = round(robot.max_age * NANOSECONDS)
-        self._places = {name: place for place, name in enumerate(robot.task.names)}
+        self._places = {variable.name: n for n, variable in enumerate(self._variables)}
+        self._count = robot.task.n_dims
         self.restart()
 
     def restart(self) -> None:
@@ -51,7 +55,7 @@ class Sensing:
         self._latest = [_Latest() for _ in self._sources]
 
     def hear(self, topic: str, message: Any, now: int) -> list[int]:
-        """Take a message of a topic, at a time [ns]; places of the variables that it says.
+        """Take a message of a topic, at a time [ns]; places in the state that it says.
 
         Raises
         ------
@@ -65,7 +69,8 @@ class Sensing:
             value = self._value(source, self._variables[place], message)
             self._difference(place, value, stamp, now)
             self._latest[place] = _Latest(value, now, stamp)
-            said.append(place)
+            if place < self._count:
+                said.append(place)
         return said
 
     def _value(self, source: Source, variable: Variable, message: Any) -> float:
@@ -99,13 +104,21 @@ class Sensing:
         Raises
         ------
         InputError
-            Which variable is missing, or too old.
+            Which variable is missing, or too old, or cannot be computed.
         """
         for place, latest in enumerate(self._latest):
+            if self._sources[place].expression:
+                continue
             age = now - latest.heard
             if latest.heard < 0 or age >= self._max_age or not math.isfinite(latest.value):
                 raise InputError(self._why(place, latest, age))
-        return [latest.value for latest in self._latest]
+        values = [latest.value for latest in self._latest]
+        said = dict(zip(self._places, values, strict=True))
+        for place, source in enumerate(self._sources):
+            if source.expression:
+                value = source.expression.number(said)
+                values[place] = _wrapped(value, self._variables[place])
+        return values[: self._count]
 
     def _why(self, place: int, latest: _Latest, age: int) -> str:
         source = self._sources[place]

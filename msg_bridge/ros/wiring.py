@@ -43,7 +43,7 @@ class Wiring:
 
     def __init__(self, node: Node, robot: Robot, heard: Callable[[str, Any], None]) -> None:
         self._node, self._robot = node, robot
-        self._sources = {s.topic: s for s in robot.sources if s.topic}
+        self._sources = {s.topic: s for s in (*robot.inputs, *robot.sources) if s.topic}
         self._subscriptions = [
             node.create_subscription(
                 source.kind, topic, self._hearer(topic, heard), _PROFILES[source.qos]
