@@ -192,14 +192,8 @@ def test_it_waits_while_paused(nodes, sitl, actor):
 def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor):
     actor.action = None
     start(nodes, sitl, "-p", "autostart:=activate")
-    learner = (
-        "--params-file",
-        str(CONFIG),
-        "-p",
-        "wait_for_demonstrations:=false",
-        "-p",
-        "background:=true",
-    )
+    learner = ("--params-file", str(CONFIG), "-p", "background:=true",
+               "-p", "wait_for_demonstrations:=false")  # fmt: skip
     process = nodes.start("learner", *learner)
     actor.commands(Authority.ACTOR)
     process.send_signal(signal.SIGSTOP)

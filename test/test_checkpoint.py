@@ -76,7 +76,6 @@ def test_nothing_is_lost(tmp_path, algorithm):
     assert state.shield.seen.sum() > 300
     assert len(state.batch) == 7
     if algorithm == "refreshed":
-        assert len(state.starts) > 1
         assert state.buffer.demonstrated.any()
     else:
         assert state.moments.n_samples > 400
@@ -157,7 +156,7 @@ def test_one_of_before_and_what_is_none_are_refused(saved):
         checkpoint.load(path, core, "iolspi")
 
 
-ARRAYS = ("weights", "starts", "batch.state", "batch.reward", "buffer.transitions.state",
+ARRAYS = ("weights", "batch.state", "batch.reward", "buffer.transitions.state",
           "shield.gram", "shield.seen", "moments.gram")  # fmt: skip
 
 

@@ -124,6 +124,7 @@ def test_learn_leaves_a_policy_and_a_report(tmp_path):
     np.testing.assert_array_equal(files[0]["weights"], files[1]["weights"])
 
 
+@pytest.mark.slow
 def test_the_cart_pole_is_learned_from_nothing_and_has_no_ratio(tmp_path):
     """Nobody falls at best: a return of zero."""
     out = tmp_path / "out"
@@ -182,6 +183,7 @@ def test_the_demo_leaves_everything_and_no_graph(tmp_path):
     assert not [line for line in graph_processes() if str(out) in line]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_the_demo_of_the_slung_load_counts_what_breaks(tmp_path):
     out = tmp_path / "demo"
@@ -249,6 +251,7 @@ def test_a_folder_that_is_called_like_the_package_is_in_nobodys_way(tmp_path):
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.slow
 def test_a_recorded_set_can_be_learned_from(tmp_path):
     bag = tmp_path / "mine"
     result = iolspi("record", "--mode", "explore", "--corruption", 0.2, "--out", bag)

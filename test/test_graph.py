@@ -86,6 +86,7 @@ def test_graph_and_headless_are_bit_identical(nodes, tmp_path, informed):
     assert not np.array_equal(learner.weights, other.weights)
 
 
+@pytest.mark.slow
 def test_the_slung_load_is_the_same_too(nodes, tmp_path):
     """Episodes of many lengths, a fourth action, demonstrations; as the task's file says."""
     config, bag = find("config", "slung_load.yaml"), find("demos", "slung_load", "set_5")
@@ -159,6 +160,7 @@ class Lossy:
         return take
 
 
+@pytest.mark.slow
 def test_losses_change_nothing_but_the_time(nodes, tmp_path, ros):
     path = tmp_path / "c.npz"
     relay = Lossy(ros)

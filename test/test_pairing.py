@@ -98,3 +98,26 @@ def test_memory_stays_small():
     for topic, message in messages([3000]):
         getattr(pairer, topic)(message)
     assert len(pairer._observations) < 1000
+
+
+def observed(k, value=0.0):
+    """Observation k of an episode, as its two messages."""
+    o = Observation(0, k, np.array([value, k], float), -1.0, 1, stamp=(k + 1) * 5_000_000)
+    return STATES.of(o), REWARDS.of(o)
+
+
+def test_the_oldest_are_forgotten_beyond_the_window_and_no_others():
+    pairer = Pairer(TASK, window=4)
+    for k in range(5):
+        assert pairer.state(observed(k)[0]) is None
+    completed = [pairer.reward(observed(k)[1]) for k in range(5)]
+    assert [o is not None for o in completed] == [False, True, True, True, True]
+
+
+def test_another_state_with_the_same_stamp_is_the_newer_one():
+    """As from a vehicle that was started anew."""
+    pairer = Pairer(TASK)
+    pairer.reward(observed(0)[1])
+    assert pairer.state(observed(0)[0]).state.tolist() == [0.0, 0.0]
+    assert pairer.state(observed(0)[0]) is None  # repeated
+    assert pairer.state(observed(0, value=0.5)[0]).state.tolist() == [0.5, 0.0]

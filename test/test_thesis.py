@@ -49,7 +49,7 @@ COLUMNS = ("state", "action", "reward", "next_state", "terminated", "truncated")
 def test_the_pilot_flies_the_shipped_sets_without_a_graph(number):
     shipped = samples(f"set {number}", HANGING, 0)
     flown = demonstrate(HANGING, *MODES[number], number)
-    again = read_demonstration(bag(f"set {number}"), "pendulum", ("shaft",)).transitions(2)
+    again = read_demonstration(bag(f"set {number}"), HANGING.description).transitions()
     for name in COLUMNS:
         np.testing.assert_array_equal(getattr(flown, name), getattr(shipped, name))
         np.testing.assert_array_equal(getattr(again, name), getattr(shipped, name))
@@ -81,10 +81,11 @@ def test_an_unknown_sample_set_names_the_known_ones():
         samples("set 9", HANGING, 0)
 
 
+@pytest.mark.slow
 def test_a_policy_is_judged_at_the_time_it_is_in_use():
     """Updates after 5 and 10 s; at 7.5 s the first one's policy flies."""
     found = learn(PendulumRun(samples="set 5", seconds=12.0, looks=8), 0)
-    core = OnlineLSPI(LITERAL, np.random.default_rng([0, 1]))
+    core = OnlineLSPI(HANGING.description, LITERAL, np.random.default_rng([0, 1]))
     core.pretrain(samples("set 5", HANGING, 0))
     policies = [core.weights]
     world = World(HANGING, WorldSettings(), np.random.default_rng([0, 0]))
@@ -98,7 +99,7 @@ def test_a_policy_is_judged_at_the_time_it_is_in_use():
 
 @pytest.mark.parametrize("task", [HANGING, replace(HANGING, g=15.0, initial="distributed")])
 def test_the_compiled_judge_flies_as_the_plain_one(task):
-    features = LITERAL.features()
+    features = LITERAL.resolve(HANGING.description).features()
     weights = np.random.default_rng(5).standard_normal((3, features.size))
     plain = evaluate(task, policy_of(weights, features), 7.0)
     compiled = evaluate_weights(task, weights, features, 7.0)
@@ -264,6 +265,7 @@ def test_an_unknown_figure_names_the_known_ones():
     assert "figure or table 'fig99' is unknown; allowed: fig2, fig3" in done.stderr
 
 
+@pytest.mark.slow
 def test_one_figure_end_to_end(tmp_path):
     """The quick form, thinner still: exploring much scores badly while learning."""
     done = run("fig3", "--quick", "--realisations", 3, "--out", tmp_path)

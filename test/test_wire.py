@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from iolspi_ros import bags, wire
 from iolspi_ros.core.samples import Observation, Sample, Transition
@@ -244,7 +244,7 @@ def test_packed_rows_are_the_message_for_any_length_of_the_label(names, data):
 def test_bytes_are_checked_as_messages_are():
     rows = wire.Rows("x", ("a", "b"))
     two = rows.message(1.0, 2.0)
-    two.layout.dim = [two.layout.dim[0], two.layout.dim[0]]
+    two.layout.dim = [two.layout.dim[0], MultiArrayDimension(label="b,a")]  # the first counts
     assert list(rows.read(serialize_message(two))) == [1.0, 2.0]
     short = rows.message(1.0, 2.0)
     short.data = short.data[:1]

@@ -62,8 +62,12 @@ class QLearning:
         places = np.clip(share * self.settings.boxes, 0, self.settings.boxes - 1).astype(int)
         return np.ravel_multi_index(tuple(places.T), (self.settings.boxes,) * self.task.n_dims)
 
-    def values(self, states: Any, weights: Any = None) -> Any:
-        return (self.weights if weights is None else weights)[:, self.box(states)].T
+    @property
+    def snapshot(self) -> Any:
+        return self.weights.copy()
+
+    def values(self, states: Any, snapshot: Any = None) -> Any:
+        return (self.weights if snapshot is None else snapshot)[:, self.box(states)].T
 
     def act(self, state: Any, explore: bool = True) -> tuple[int, Source]:
         if explore and self.rng.random() < self.epsilon:
@@ -96,7 +100,6 @@ class QLearning:
 
     def finish_update(self, found: Any) -> Update:
         self.updates += 1
-        self.weights = self.weights.copy()  # those before stay with whoever keeps them
         return self.report(self.updates)
 
     def report(self, number: int) -> Update:

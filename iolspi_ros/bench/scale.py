@@ -205,7 +205,7 @@ def _exactness() -> list[Row]:
 
 def _trimming() -> list[Row]:
     """What trimming by convex hull (T 9-1-4) keeps, saves and costs, on demonstration set 5."""
-    chosen = LSPISettings(periodic=(False,))
+    chosen = LSPISettings(centers=(11, 11), periodic=(False,))
     core = OnlineLSPI(HANGING.description, chosen, np.random.default_rng(0))
     demonstrations = samples("set 5", HANGING, 0)
     assert demonstrations is not None
@@ -217,9 +217,7 @@ def _trimming() -> list[Row]:
         zeros = np.zeros((3, basis.size))
 
         def learn(basis: RBFGrid = basis, start: Array = zeros) -> Array:
-            found = refresh(
-                core.buffer, 0, basis, core.task, core.settings, start, core.starts
-            )  # fmt: skip
+            found = refresh(core.buffer, 0, basis, core.task, core.settings, start)
             return found.weights
 
         seconds.append(fastest(learn, 3))

@@ -237,7 +237,7 @@ def _parallel() -> list[Row]:
 
 def _step() -> list[Row]:
     """One step of `act` and of `observe`, as a node calls them."""
-    core = OnlineLSPI(TASK.description, LSPISettings(epsilon=0.0), np.random.default_rng(0))
+    core = OnlineLSPI(TASK.description, LSPISettings(centers=(11, 11), epsilon=0.0), np.random.default_rng(0))
     rng = np.random.default_rng(1)
     states = rng.uniform(core.settings.low, core.settings.high, (2000, 2))
     acting, observing = np.empty(2000), np.empty(2000)

@@ -129,4 +129,4 @@ def _pretrain(learner: Learner, history: History) -> None:
         show(100)
     console.print(result.text)
     history.offline = result.text
-    history.policies.append(PolicyRecord.of(result, 0.0, learner.weights))
+    history.policies.append(PolicyRecord.of(result, 0.0, learner.snapshot))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,19 @@ from numpy.typing import NDArray
 from iolspi_ros.core.samples import Transitions
 
 Array = NDArray[np.float64]
+
+
+class Partition(Protocol):
+    """Parts of the state space, in each of which a crowd counts as one."""
+
+    @property
+    def n_dims(self) -> int:
+        """Number of state variables."""
+        ...
+
+    def __call__(self, states: Array, action: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number of the part and action of each sample, shape (n_samples,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -25,6 +39,11 @@ class Cells:
     low: tuple[float, ...]
     high: tuple[float, ...]
     counts: tuple[int, ...]
+
+    @property
+    def n_dims(self) -> int:
+        """Number of state variables."""
+        return len(self.counts)
 
     def __call__(self, states: Array, action: NDArray[np.int64]) -> NDArray[np.int64]:
         """Number of the box and action of each sample, shape (n_samples,)."""
@@ -57,16 +76,18 @@ class Buffer:
     transitions: Transitions
     born: NDArray[np.int64]
     demonstrated: NDArray[np.bool_]
-    cells: Cells
+    cells: Partition
     per_cell: int
     bound: int
     keep_demonstrations: bool
 
     @classmethod
-    def empty(cls, cells: Cells, per_cell: int, bound: int, keep_demonstrations: bool) -> Buffer:
+    def empty(
+        cls, cells: Partition, per_cell: int, bound: int, keep_demonstrations: bool
+    ) -> Buffer:
         """Without a sample."""
         none = np.zeros(0, np.int64)
-        rows = Transitions.of([], len(cells.counts))
+        rows = Transitions.of([], cells.n_dims)
         return cls(rows, none, none.astype(bool), cells, per_cell, bound, keep_demonstrations)
 
     def __len__(self) -> int:
@@ -91,28 +112,27 @@ class Buffer:
         born = step - newer  # demonstrations are as old as what is learned from them
         grown = replace(
             self,
-            transitions=Transitions(
-                *(
-                    np.concatenate([getattr(self.transitions, f.name), getattr(batch, f.name)])
-                    for f in fields(Transitions)
-                )
-            ),
+            transitions=self.transitions + batch,
             born=np.concatenate([self.born, born]),
             demonstrated=np.concatenate([self.demonstrated, np.full(len(batch), demonstrated)]),
         )
         return grown._rows(grown._staying())
 
-    def weight(self, step: int, forget_factor: float) -> Array:
+    def weight(
+        self, step: int, forget_factor: float, believed: NDArray[np.bool_] | None = None
+    ) -> Array:
         """How much each sample counts: every box of states and action as much as another.
 
         A sample that came k steps ago counts η^k, as in T Eqs. 9-10 to 9-12; all of one box
-        together count what its newest does.
+        together count what its newest does. One that is not believed counts nothing.
 
         Returns
         -------
         ndarray of shape (n_samples,)
         """
         faded = forget_factor ** (step - self.born).astype(np.float64)
+        if believed is not None:
+            faded = np.where(believed, faded, 0.0)
         _, cell = np.unique(self._cell(), return_inverse=True)
         newest = np.zeros(cell.max(initial=-1) + 1)
         np.maximum.at(newest, cell, faded)

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve as solve_positive
 
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.lspi import Actions
@@ -85,13 +85,12 @@ class DualSystem:
         return q
 
     def _combine(self, coefficients: Array) -> Array:
-        """Σ_i α_i φ(s_i) of each action, shape (n_actions, n_columns, size)."""
-        n_columns = coefficients.shape[1]
-        weights = np.zeros((self.n_actions, n_columns, self.basis.size))
+        """Σ_i α_i φ(s_i) of each action, shape (n_actions, size)."""
+        weights = np.zeros((self.n_actions, self.basis.size))
         for rows, phi in self._chunks(self.transitions.state):
             for a in range(self.n_actions):
                 chosen = self.action[rows] == a
-                weights[a] += coefficients[rows][chosen].T @ phi[chosen]
+                weights[a] += coefficients[rows][chosen] @ phi[chosen]
         return weights
 
     def evaluate(self, policy: Actions) -> Solve:
@@ -102,9 +101,10 @@ class DualSystem:
         found = solve_system(matrix, self.transitions.reward)
         # Along functions that no sample has a part in, δI alone is left of Γ - γΛ.
         rank = found.rank + self.n_actions * self.basis.size - len(policy)
-        weights = self._combine(found.weights[:, None])[:, 0]
+        weights = self._combine(found.weights)
         return replace(found, weights=weights, rank=rank)
 
+    @cached_property
     def scale(self) -> float:
         """Scale of Γ: tr Γ² / tr Γ, as of `BlockSystem`."""
         trace = float(self.weight @ np.diag(self._kernel))
@@ -114,13 +114,3 @@ class DualSystem:
             part = self._kernel[np.ix_(rows, rows)]
             square += float(self.weight[rows] @ (part * part) @ self.weight[rows])
         return square / trace if trace > 0.0 else 1.0
-
-    def regress(self, target: Array, ridge: float) -> Array:
-        """Weights that predict targets from φ(s, a), as of `BlockSystem`."""
-        coefficients = np.zeros_like(target)
-        for a in range(self.n_actions):
-            rows = np.flatnonzero(self.action == a)
-            if len(rows):
-                part = self._kernel[np.ix_(rows, rows)] + np.diag(ridge / self.weight[rows])
-                coefficients[rows] = solve_positive(part, target[rows], assume_a="pos")
-        return self._combine(coefficients)

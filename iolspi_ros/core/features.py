@@ -43,6 +43,8 @@ class Table(NamedTuple):
         After which a variable repeats; 0 for never.
     kept : ndarray of int, shape (n_kept, n_dims)
         Index per variable of each function that was kept, -1 for a factor 1; no rows when all are.
+    points : ndarray of shape (n_functions, n_dims)
+        Centres of Gaussians that are no grid; no rows for a grid.
     """
 
     polynomial: bool
@@ -51,6 +53,7 @@ class Table(NamedTuple):
     gains: Array
     periods: Array
     kept: NDArray[np.int64]
+    points: Array
 
 
 @dataclass(frozen=True)
@@ -259,7 +262,8 @@ class RBFGrid(Basis):
         if self.constant:
             kept = np.insert(kept, 0, -1, axis=0)
         places = np.concatenate(centers)
-        return Table(False, counts, places, gains, periods, np.ascontiguousarray(kept))
+        return Table(False, counts, places, gains, periods, np.ascontiguousarray(kept),
+                     np.zeros((0, self.n_dims)))  # fmt: skip
 
     @property
     def points(self) -> Array:
@@ -323,7 +327,8 @@ class ChebyshevGrid(Basis):
         low, high, counts = np.array(self.low), np.array(self.high), np.array(self.centers)
         places = np.repeat((low + high) / 2, counts)
         nothing = np.empty((0, self.n_dims), np.int64)
-        return Table(True, counts, places, 2 / (high - low), np.zeros(self.n_dims), nothing)
+        return Table(True, counts, places, 2 / (high - low), np.zeros(self.n_dims), nothing,
+                     np.zeros((0, self.n_dims)))  # fmt: skip
 
 
 @njit(cache=True)
@@ -351,6 +356,17 @@ def _factors(table: Table, state: Array, out: Array) -> None:
 @njit(cache=True)
 def evaluate(table: Table, state: Array, factors: Array, phi: Array) -> None:
     """φ of one state, compiled: `factors` and `phi` are overwritten."""
+    if len(table.points):
+        for k in range(len(table.points)):
+            total = 0.0
+            for d in range(len(state)):
+                apart, period = state[d] - table.points[k, d], table.periods[d]
+                if period > 0.0:
+                    apart = math.sin(math.pi * apart / period) * period / math.pi
+                apart *= table.gains[d]
+                total += apart * apart
+            phi[k] = math.exp(-0.5 * total)
+        return
     _factors(table, state, factors)
     if len(table.kept):
         for k in range(len(table.kept)):

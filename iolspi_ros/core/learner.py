@@ -60,7 +60,7 @@ class Update:
     healthy : bool
         Whether the computation can be believed.
     change : float
-        Norm of the change of the weights that it asked for.
+        Norm of the change of its numbers that it asked for; NaN where they cannot be compared.
     text : str
         One line for a person.
     facts : mapping of str to float
@@ -99,9 +99,6 @@ class Learner(Protocol):
         Dataclass of `state`: arrays, numbers, texts, and dataclasses of such.
     step, n_samples, dropped : int
         Online steps; samples learned from, demonstrations among them; transitions refused.
-    weights : ndarray of shape (n_rows, n_columns)
-        The numbers that make its policy. They are published, kept in reports, and given back to
-        `values`; what they mean is the learner's.
     """
 
     Settings: ClassVar[type[Any]]
@@ -114,7 +111,6 @@ class Learner(Protocol):
     n_samples: int
     updates: int
     dropped: int
-    weights: Array
 
     def __init__(self, task: TaskDescription, settings: Any, rng: np.random.Generator) -> None: ...
 
@@ -123,14 +119,23 @@ class Learner(Protocol):
         """Exploration rate now."""
         ...
 
-    def values(self, states: Array, weights: Array | None = None) -> Array:
+    @property
+    def snapshot(self) -> Array:
+        """The numbers that make its policy, shape (n_rows, n_columns).
+
+        They are published, kept in reports, and given back to `values`, so they never change;
+        what they mean is the learner's.
+        """
+        ...
+
+    def values(self, states: Array, snapshot: Array | None = None) -> Array:
         """How good each action is; the greedy policy takes the largest.
 
         Parameters
         ----------
         states : ndarray of shape (n_states, n_dims)
-        weights : ndarray, optional
-            Of an earlier policy of this learner; those in use by default.
+        snapshot : ndarray, optional
+            Of an earlier policy of this learner; that in use by default.
 
         Returns
         -------
@@ -235,10 +240,10 @@ def update(learner: Learner) -> Update:
 
 
 def greedy_policy(
-    learner: Learner, weights: Array | None = None
+    learner: Learner, snapshot: Array | None = None
 ) -> Callable[[Array], NDArray[np.int64]]:
-    """The greedy policy of some weights of a learner: states, shape (n, n_dims), to actions."""
-    return lambda states: learner.values(states, weights).argmax(axis=1)
+    """A greedy policy of a learner: states, shape (n, n_dims), to actions."""
+    return lambda states: learner.values(states, snapshot).argmax(axis=1)
 
 
 def learner_class(name: str) -> type[Learner]:

@@ -125,31 +125,6 @@ class BlockSystem:
         """Q̂ in the next states, shape (n_samples, n_actions)."""
         return self.next_phi @ weights.T
 
-    def scale(self) -> float:
-        """Scale of Γ: its trace over its effective rank (tr Γ)² / tr Γ², so tr Γ² / tr Γ."""
-        trace = float(np.trace(self.gram, axis1=1, axis2=2).sum())
-        return float((self.gram * self.gram).sum()) / trace if trace > 0.0 else 1.0
-
-    def regress(self, target: Array, ridge: float) -> Array:
-        """Weights that predict targets from φ(s, a), by ridge regression.
-
-        Parameters
-        ----------
-        target : ndarray of shape (n_samples, n_targets)
-        ridge : float
-
-        Returns
-        -------
-        ndarray of shape (n_actions, n_targets, size)
-        """
-        n_actions, size = self.vector.shape
-        weights = np.zeros((n_actions, target.shape[1], size))
-        for a in range(n_actions):
-            rows = self.action == a
-            moment = (self.weight[rows, None] * self.phi[rows]).T @ target[rows]
-            weights[a] = np.linalg.solve(self.gram[a] + ridge * np.eye(size), moment).T
-        return weights
-
     def moments(self, policy: Actions) -> Moments:
         """Γ, Λ and z of a policy."""
         size = self.vector.shape[1]
@@ -230,6 +205,7 @@ def policy_iteration(
     chi: float,
     max_iterations: int,
     proceed: Proceed = always,
+    first: Actions | None = None,
 ) -> Iteration:
     """Solve for a policy, become greedy, and so on (T Algorithm 1, lines 5 to 12).
 
@@ -244,6 +220,8 @@ def policy_iteration(
         l_max.
     proceed : callable
         Told after each iteration what share of l_max is done; a false answer ends the loop.
+    first : ndarray of int, shape (n_samples,), optional
+        The first policy, when it is of weights of other functions.
 
     Returns
     -------
@@ -251,12 +229,14 @@ def policy_iteration(
     """
     seen: dict[bytes, int] = {}
     solves: list[Solve] = []
+    last = b""
     changes: list[float] = []
     stop, period = "cap", 0
     for iteration in range(1, max_iterations + 1):
-        policy = system.policy(weights)
+        policy = first if first is not None else system.policy(weights)
+        first = None
         key = policy.tobytes()
-        solves.append(system.evaluate(policy))
+        solves.append(solves[-1] if key == last else system.evaluate(policy))
         changes.append(float(np.linalg.norm(solves[-1].weights - weights)))
         weights = solves[-1].weights
         if solves[-1].status == "non-finite":
@@ -269,7 +249,7 @@ def policy_iteration(
             stop = "interrupted"
         if stop != "cap":
             break
-        seen[key] = iteration
+        seen[key], last = iteration, key
     return Iteration(tuple(solves), policy, stop, period, tuple(changes))
 
 

@@ -7,18 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from iolspi_ros.core.buffer import Buffer, Cells
+from iolspi_ros.core.buffer import Buffer, Cells, Partition
 from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
+from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.moments import SCALINGS
 from iolspi_ros.core.shield import Shield
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 
+AUTO, GRID = "auto", "rbf"
 ALGORITHMS = ("refreshed", "literal")
 
 CELLS_PER_CENTER = 2
 """Boxes of the buffer along a dimension, for each of its centres."""
+UNLIMITED = 10.0
+"""What the shield takes for the limit of a variable that has none, in its own unit."""
 MOST_CENTERS, LEAST_CENTERS, USUAL_SIZE = 11, 3, 600
 """Of a grid whose centres nobody gave: per dimension, and functions in all."""
 
@@ -33,12 +37,16 @@ class LSPISettings(Settings):
 
     algorithm: str = setting(
         "refreshed",
-        "keep samples and judge policies, or T Algorithm 2 to the letter",
+        "keep samples and iterate policies on them, or T Algorithm 2 to the letter",
         choices=ALGORITHMS,
     )
     basis: str = setting(
-        "rbf", "radial basis functions (T 9-1) or Chebyshev polynomials (T 4-1-2)", choices=BASES
+        "",
+        "a grid of radial functions (T 9-1) or Chebyshev polynomials (T 4-1-2); auto: radial "
+        "functions around the samples; empty for a grid where centers are given, and else auto",
+        choices=("", *BASES, AUTO),
     )
+    kernels: int = setting(500, "auto: functions of a state, at most", low=1)
     low: tuple[float, ...] = setting((), "lower limits of the grid of centres; else the task's")
     high: tuple[float, ...] = setting((), "upper limits of the grid of centres; else the task's")
     centers: tuple[int, ...] = setting(
@@ -77,7 +85,7 @@ class LSPISettings(Settings):
         True, "refreshed: demonstrated samples have places of their own in the buffer"
     )
     refresh_iterations: int = setting(
-        6, "refreshed: policies solved for in an update, for each delta tried", low=1
+        10, "refreshed: an update gives a delta up after so many policies", low=1
     )
     refresh_budget: float = setting(
         0.0, "refreshed: an update starts no policy after so long [s]; 0.0 for no limit", low=0.0
@@ -93,8 +101,13 @@ class LSPISettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.low and self.high and self.centers:
+        if self.low and self.high and self.centers and self.basis != AUTO:
             self.features()  # the grid checks itself
+        if self.basis == AUTO and self.algorithm != "refreshed":
+            raise InputError(
+                f"algorithm is {self.algorithm} with basis {AUTO}; allowed: refreshed, since Γ of "
+                "one basis says nothing in another"
+            )
         low, high = np.broadcast_arrays(np.array(self.envelope_low), np.array(self.envelope_high))
         if not (low < high).all():
             raise InputError(
@@ -125,23 +138,28 @@ class LSPISettings(Settings):
                     f"{', '.join(task.names)}"
                 )
         count = min(max(int(USUAL_SIZE ** (1.0 / n)), LEAST_CENTERS), MOST_CENTERS)
+        grid = bool(self.centers) or self.algorithm == "literal"
         found = replace(
             self,
+            basis=self.basis or (GRID if grid else AUTO),
             low=self.low or task.low,
             high=self.high or task.high,
             centers=self.centers or (count,) * n,
             periodic=self.periodic or task.periodic,
         )
         for name, low, high in zip(task.names, found.low, found.high, strict=True):
-            if not math.isfinite(high - low):
+            if found.basis != AUTO and not math.isfinite(high - low):
                 raise InputError(
                     f"variable {name} of task {task.name} has no limits; allowed: give the "
-                    "parameters low and high of the grid"
+                    "parameters low and high of the grid, or basis: auto"
                 )
         return found
 
     def features(self) -> Basis:
         """The basis functions of a state."""
+        if self.basis == AUTO:
+            wraps = np.broadcast_to(np.array(self.periodic), (len(self.low),))
+            return Kernels.unseen(np.where(wraps, np.subtract(self.high, self.low), 0.0))
         if self.basis == "chebyshev":
             return ChebyshevGrid(self.low, self.high, self.centers)
         return RBFGrid(
@@ -151,7 +169,7 @@ class LSPISettings(Settings):
 
     def guarded(self, n_actions: int) -> Shield:
         """A shield that has seen nothing."""
-        edges = np.array([self.low, self.high])
+        edges = np.clip([self.low, self.high], -UNLIMITED, UNLIMITED)
         period = self.features().table.periods
         low, high = (
             np.broadcast_to(np.array(limit, float), (len(self.low),)).copy()
@@ -164,8 +182,13 @@ class LSPISettings(Settings):
 
     def buffer(self) -> Buffer:
         """An empty buffer."""
+        features = self.features()
         counts = tuple(CELLS_PER_CENTER * count for count in self.centers)
-        cells = Cells(self.low, self.high, counts)
+        cells: Partition = (
+            Crowds(features)
+            if isinstance(features, Kernels)
+            else Cells(self.low, self.high, counts)
+        )
         return Buffer.empty(
             cells, self.samples_per_cell, self.buffer_size, self.keep_demonstrations
         )

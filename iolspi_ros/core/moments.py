@@ -128,7 +128,7 @@ def add_gram(
     order = np.argsort(action, kind="stable")
     phi, weighted = _sorted(phi, weight, order)
     reward = reward[order]
-    for a, rows in _groups(action[order]):
+    for a, rows in groups(action[order]):
         moments.gram[a] += weighted[rows].T @ phi[rows]
         moments.reward[a] += weighted[rows].T @ reward[rows]
 
@@ -146,7 +146,7 @@ def add_cross(
     order = np.argsort(pair, kind="stable")
     _, weighted = _sorted(phi, weight, order)
     next_phi = next_phi[order]
-    for ab, rows in _groups(pair[order]):
+    for ab, rows in groups(pair[order]):
         a, b = divmod(ab, len(cross))
         cross[a, :, b, :] += weighted[rows].T @ next_phi[rows]
 
@@ -157,7 +157,7 @@ def _sorted(phi: Array, weight: Array, order: NDArray[np.int64]) -> tuple[Array,
     return phi, phi if (weight == 1.0).all() else phi * weight[:, None]
 
 
-def _groups(key: NDArray[np.int64]) -> Iterator[tuple[int, slice]]:
+def groups(key: NDArray[np.int64]) -> Iterator[tuple[int, slice]]:
     """Where each value of a sorted key stands."""
     cuts = np.flatnonzero(np.diff(key)) + 1
     for first, last in pairwise([0, *cuts.tolist(), len(key)]):

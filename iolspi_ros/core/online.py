@@ -11,24 +11,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from iolspi_ros.core import judge
 from iolspi_ros.core.buffer import Buffer
-from iolspi_ros.core.features import Table, weigh
+from iolspi_ros.core.features import Basis, Table, weigh
+from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.learner import Kernel, Proceed, Source, Update, always
 from iolspi_ros.core.lspi import Iteration, greedy, offline_lspi
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.moments import Moments, accumulate
-from iolspi_ros.core.refresh import Judgement, refresh
+from iolspi_ros.core.outliers import doubts, generous
+from iolspi_ros.core.refresh import STOPS, Refresh, refresh
 from iolspi_ros.core.samples import Batch, Transition, Transitions
 from iolspi_ros.core.shield import Guard, Shield, allowed, safest
-from iolspi_ros.core.solve import STATUSES, Solve, solve
+from iolspi_ros.core.solve import STATUSES, Solve, plausible, solve
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription
 
 Array = NDArray[np.float64]
 
-STARTS_KEPT = 32
-"""Latest states in which episodes began, from which policies are judged."""
 _SOURCES = tuple(Source)
 _EXPLOIT, _EXPLORE, _SHIELD = int(Source.EXPLOIT), int(Source.EXPLORE), int(Source.SHIELD)
 
@@ -117,14 +116,14 @@ class LSPIUpdate(Update):
     ----------
     solve : Solve
         Its weights are those that the update found.
-    judgement : Judgement, optional
-        Why, when policies were compared.
+    refresh : Refresh, optional
+        What came of the samples kept, of a refreshed update.
     iteration : Iteration, optional
         The policy iteration that the weights come from, when there was one.
     """
 
     solve: Solve
-    judgement: Judgement | None
+    refresh: Refresh | None
     iteration: Iteration | None
 
 
@@ -133,9 +132,9 @@ def _described(number: int, accepted: bool, found: Computed) -> str:
     parts = [f"update {number}" if number else "offline LSPI"]
     if found.iteration:
         parts[0] += f": {found.iteration.describe()}"
-    if found.judgement:
-        parts.append(found.judgement.describe())
-    if not (found.iteration or found.judgement):
+    if found.refresh:
+        parts.append(found.refresh.describe())
+    if not (found.iteration or found.refresh):
         kept = "" if accepted else ", the weights before stay"
         parts.append(f"solve {found.solve.status}{kept}")
     return "; ".join(parts)
@@ -143,17 +142,17 @@ def _described(number: int, accepted: bool, found: Computed) -> str:
 
 def _facts(found: Computed) -> dict[str, float]:
     """Numbers of an update, for reports."""
-    solve, judged = found.solve, found.judgement
+    solve, kept = found.solve, found.refresh
     return {
         "condition": solve.condition,
         "rank": solve.rank,
         "residual": solve.residual,
         "status": STATUSES.index(solve.status),
-        "policies": judged.policies if judged else 0,
-        "predicted": judged.predicted if judged else math.nan,
-        "predicted_before": judged.before if judged else math.nan,
-        "delta": judged.delta if judged else 0.0,
-        "refused": judged.refused if judged else 0,
+        "iterations": kept.iterations if kept else 0,
+        "stop": STOPS.index(kept.stop) if kept else 0,
+        "delta": kept.delta if kept else 0.0,
+        "rungs": kept.rungs if kept else 0,
+        "doubted": kept.doubted if kept else 0,
     }
 
 
@@ -166,8 +165,38 @@ class Computed:
     moments: Moments
     buffer: Buffer
     shield: Shield
-    judgement: Judgement | None = None
+    features: Basis
+    refresh: Refresh | None = None
     iteration: Iteration | None = None
+
+
+@dataclass(frozen=True)
+class KernelState:
+    """Functions around samples, as of `kernels.Kernels`; without a point for a grid."""
+
+    points: Array
+    scales: Array
+    periods: Array
+    width: float
+
+
+@dataclass(frozen=True)
+class BufferState:
+    """Samples kept, as of `buffer.Buffer`."""
+
+    transitions: Transitions
+    born: NDArray[np.int64]
+    demonstrated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ShieldState:
+    """What the shield has seen, as of `shield.Shield`."""
+
+    gram: Array
+    cross: Array
+    seen: Array
+    ended: Array
 
 
 @dataclass(frozen=True)
@@ -177,10 +206,10 @@ class LSPIState:
     Attributes
     ----------
     weights : ndarray of shape (n_actions, size)
+    kernels : KernelState
     moments : Moments
-    buffer : Buffer
-    shield : Shield
-    starts : ndarray of shape (n_starts, n_dims)
+    buffer : BufferState
+    shield : ShieldState
     batch : Transitions
         Observed since the last update.
     step, n_samples, updates, dropped, vetoes : int
@@ -189,10 +218,10 @@ class LSPIState:
     """
 
     weights: Array
+    kernels: KernelState
     moments: Moments
-    buffer: Buffer
-    shield: Shield
-    starts: Array
+    buffer: BufferState
+    shield: ShieldState
     batch: Transitions
     step: int
     n_samples: int
@@ -230,8 +259,8 @@ class OnlineLSPI:
         "chi", "max_iterations", "scaling", "refresh_iterations", "refresh_budget",
     )  # fmt: skip
     shaping: ClassVar[tuple[str, ...]] = (
-        "algorithm", "basis", "low", "high", "centers", "periodic", "normalisation", "width",
-        "constant",
+        "algorithm", "basis", "kernels", "low", "high", "centers", "periodic", "normalisation",
+        "width", "constant",
     )  # fmt: skip
 
     def __init__(
@@ -239,7 +268,7 @@ class OnlineLSPI:
     ) -> None:
         self.task, self.rng = task, rng
         self.settings = settings
-        self.features = self.settings.features()
+        self.features: Basis = self.settings.features()
         shape = (task.n_actions, self.features.size)
         self.weights: Array = rng.standard_normal(shape)
         self.literal = settings.algorithm == "literal"
@@ -247,17 +276,13 @@ class OnlineLSPI:
         self.moments = Moments.empty(*(shape if self.literal else (1, 0)), settings.delta)
         self.buffer = self.settings.buffer()
         self.shield = self.settings.guarded(task.n_actions)
-        self.starts = np.empty((0, task.n_dims))
         self.step = 0
         self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
         self.dropped = 0
         self.vetoes = 0
         self.batch = Batch(settings.update_interval, task.n_dims)
-        self._room = (
-            np.empty(int(self.features.table.counts.sum())), np.empty(self.features.size),
-            np.empty(task.n_actions),
-        )  # fmt: skip
+        self._room: tuple[Array, Array, Array] = (np.empty(0), np.empty(0), np.empty(0))
 
     @property
     def settings(self) -> LSPISettings:
@@ -279,12 +304,27 @@ class OnlineLSPI:
         """Exploration rate now (T Eq. 14)."""
         return float(epsilon_at(self._exploring, self.step))
 
-    def values(self, states: Array, weights: Array | None = None) -> Array:
+    @property
+    def snapshot(self) -> Array:
+        """The weights, shape (n_actions, size); with `basis: auto` their functions besides."""
+        if isinstance(self.features, Kernels):
+            return self.features.packed(self.weights)
+        return self.weights
+
+    def values(self, states: Array, snapshot: Array | None = None) -> Array:
         """Q̂ of every action, shape (n_states, n_actions)."""
-        return self.features(states) @ (self.weights if weights is None else weights).T
+        features, weights = self.features, self.weights if snapshot is None else snapshot
+        if snapshot is not None and isinstance(features, Kernels):
+            features, weights = Kernels.unpacked(snapshot, self.task.n_actions)
+        return features(states) @ weights.T
 
     @property
     def _choice(self) -> Choice:
+        if len(self._room[1]) != self.features.size:  # made once for the same functions
+            self._room = (
+                np.empty(int(self.features.table.counts.sum())), np.empty(self.features.size),
+                np.empty(self.task.n_actions),
+            )  # fmt: skip
         return Choice(
             self.features.table, self.weights, self.shield.guard, self._exploring, *self._room
         )
@@ -351,7 +391,7 @@ class OnlineLSPI:
 
         The literal learner runs offline LSPI from random weights; its weights and its Γ, Λ, z
         become this learner's, unless its last solve is not finite. The refreshed one adds
-        them to its buffer.
+        them to its buffer; its weights stay when policy iteration does not converge.
 
         Parameters
         ----------
@@ -380,9 +420,12 @@ class OnlineLSPI:
         else:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
             found = self._refreshed(rows, start, True, proceed)()
-        accepted = found.solve.status != "non-finite"
+        refreshed = found.refresh
+        accepted = refreshed.converged if refreshed else found.solve.status != "non-finite"
         report = self._report(0, accepted, found)
-        if accepted:
+        if refreshed and not accepted:
+            found = replace(found, weights=self.weights, features=self.features)
+        if refreshed or accepted:
             self._take(found)
             self.n_samples += len(rows)
         return report
@@ -390,10 +433,15 @@ class OnlineLSPI:
     def _report(self, number: int, accepted: bool, found: Computed) -> LSPIUpdate:
         return LSPIUpdate(
             number, self.step, accepted, found.solve.healthy,
-            float(np.linalg.norm(found.solve.weights - self.weights)),
-            _described(number, accepted, found), _facts(found),
-            found.solve, found.judgement, found.iteration,
+            self._change(found.solve), _described(number, accepted, found), _facts(found),
+            found.solve, found.refresh, found.iteration,
         )  # fmt: skip
+
+    def _change(self, found: Solve) -> float:
+        """‖Δw‖ that a solve asks for; NaN when it has other functions."""
+        if found.weights.shape != self.weights.shape:
+            return math.nan
+        return float(np.linalg.norm(found.weights - self.weights))
 
     def _offline(self, rows: Transitions, proceed: Proceed) -> Computed:
         """Offline LSPI on demonstrations (T Algorithm 1)."""
@@ -412,7 +460,9 @@ class OnlineLSPI:
             proceed=proceed,
         )
         found = iteration.solve
-        return Computed(found.weights, found, moments, self.buffer, shield, iteration=iteration)
+        return Computed(
+            found.weights, found, moments, self.buffer, shield, self.features, iteration=iteration
+        )
 
     def begin_update(self) -> Callable[[], Computed]:
         """Take the batch; the returned computation may run anywhere."""
@@ -434,15 +484,14 @@ class OnlineLSPI:
                 moments, phi, batch.action, batch.reward, next_phi, next_action, s.forget_factor
             )
             found = solve(grown, gamma, s.scaling)
-            if found.healthy and not judge.plausible(
-                next_phi @ found.weights.T, batch.reward, gamma
-            ):
+            q = next_phi @ found.weights.T
+            if found.healthy and not plausible(q, batch.reward, gamma):
                 found = replace(found, status="diverging")
             chosen = found.weights if found.healthy else weights
             finite = found.status != "non-finite"
             return Computed(
                 chosen, found, grown if finite else moments, buffer,
-                shield.learn(batch, s.forget_factor),
+                shield.learn(batch, s.forget_factor), features,
             )  # fmt: skip
 
         return compute
@@ -450,7 +499,7 @@ class OnlineLSPI:
     def finish_update(self, found: Computed) -> LSPIUpdate:
         """Take the result of `begin_update`'s computation.
 
-        Weights of an unhealthy solve, or of one judged worse, are not used; those before stay.
+        Weights of an unhealthy solve, or that did not converge, are not used; those before stay.
         """
         self.updates += 1
         accepted = found.solve.healthy and found.weights is not self.weights
@@ -466,30 +515,33 @@ class OnlineLSPI:
         proceed: Proceed,
     ) -> Callable[[], Computed]:
         """The refreshed update of a batch, started from some weights."""
-        ends = batch.terminated | batch.truncated
-        last = self.buffer.transitions[-1:]
-        after_an_end = demonstrated or not len(last) or bool(last.terminated | last.truncated)
-        begins = np.concatenate([[after_an_end], ends[:-1]])
-        self.starts = np.concatenate([self.starts, batch.state[begins]])[-STARTS_KEPT:]
-        starts, step, s = self.starts, self.step, self.settings
+        task, step, s = self.task, self.step, self.settings
         features, moments, kept, shield = self.features, self.moments, self.buffer, self.shield
-        task = self.task
+        limits = generous(task)
 
         def compute() -> Computed:
-            buffer = kept.add(batch, step, demonstrated)
-            grown = shield.learn(batch, 1.0 if demonstrated else s.forget_factor)
+            seen = kept.transitions + batch
+            believed, basis, cells = ~doubts(seen, *limits).rows, features, kept.cells
+            if isinstance(features, Kernels):
+                basis = features.around(seen.state[believed], s.kernels)
+                cells = Crowds(basis)
+            buffer = replace(kept, cells=cells).add(batch, step, demonstrated)
+            new = batch[believed[len(kept) :]]
+            grown = shield.learn(new, 1.0 if demonstrated else s.forget_factor)
             among = grown.among(buffer.transitions.next_state)
-            found = refresh(buffer, step, features, task, s, weights, starts, proceed, among)
+            found = refresh(
+                buffer, step, basis, task, s, weights, proceed, among, limits, features,
+            )  # fmt: skip
             return Computed(
-                found.weights, found.solve, moments, buffer, grown, found.judgement,
-                found.iteration,
+                found.weights, found.solve, moments, buffer, grown,
+                basis if found.record.converged else features, found.record, found.iteration,
             )  # fmt: skip
 
         return compute
 
     def _take(self, found: Computed) -> None:
         self.weights, self.moments, self.buffer = found.weights, found.moments, found.buffer
-        self.shield = found.shield
+        self.shield, self.features = found.shield, found.features
 
     def health(self) -> Mapping[str, object]:
         """The shield's vetoes."""
@@ -500,10 +552,19 @@ class OnlineLSPI:
 
     def state(self) -> LSPIState:
         """Everything that a later `restore` needs to go on bit by bit the same."""
+        f, kept = self.features, self.buffer
+        none = np.empty((0, self.task.n_dims))
+        kernels = (
+            KernelState(f.points, f.scales, f.periods, f.width)
+            if isinstance(f, Kernels)
+            else KernelState(none, none[:, 0], none[:, 0], 1.0)
+        )
+        shield = {field.name: getattr(self.shield, field.name) for field in fields(ShieldState)}
         counters = {name: getattr(self, name) for name in _COUNTERS}
         return LSPIState(
-            self.weights, self.moments, self.buffer, self.shield, self.starts, self.batch.rows(),
-            **counters, rng=dict(self.rng.bit_generator.state),
+            self.weights, kernels, self.moments,
+            BufferState(kept.transitions, kept.born, kept.demonstrated), ShieldState(**shield),
+            self.batch.rows(), **counters, rng=dict(self.rng.bit_generator.state),
         )  # fmt: skip
 
     def restore(self, state: LSPIState) -> None:
@@ -514,22 +575,17 @@ class OnlineLSPI:
         InputError
             When it was made with other actions or features, or holds what cannot be.
         """
-        mine = self.state()
-        for name, width in (("weights", self.weights.shape[1:]), ("starts", (self.task.n_dims,))):
-            found, here = getattr(state, name), getattr(mine, name)
-            wrong = found.ndim != 2 or found.shape[1:] != width
-            if wrong or (name == "weights" and found.shape != here.shape):
-                raise InputError(f"{name} have shape {found.shape}; allowed: {here.shape}")
-            if not np.isfinite(found).all():
-                raise InputError(f"{name} are not all finite; allowed: finite numbers")
+        features, mine, kept = self._restored_features(state.kernels), self.state(), state.buffer
+        shape = (self.task.n_actions, features.size)
+        if state.weights.shape != shape:
+            raise InputError(f"weights have shape {state.weights.shape}; allowed: {shape}")
+        if not np.isfinite(state.weights).all():
+            raise InputError("weights are not all finite; allowed: finite numbers")
         for name, part in (("moments", state.moments), ("shield", state.shield)):
             _check_like(name, part, getattr(mine, name))
-        kept = state.buffer
         for name, rows in (("batch", state.batch), ("buffer", kept.transitions)):
-            if (
-                rows.state.shape[1] != self.task.n_dims
-                or not rows.usable(self.task.n_actions).all()
-            ):
+            fits = rows.state.shape[1] == self.task.n_dims
+            if not (fits and rows.usable(self.task.n_actions).all()):
                 raise InputError(
                     f"{name} holds transitions that are none of task {self.task.name}; allowed: "
                     f"{self.task.n_dims} finite variables, actions 0 to {self.task.n_actions - 1}"
@@ -540,18 +596,34 @@ class OnlineLSPI:
             self.rng.bit_generator.state = state.rng
         except (TypeError, ValueError, KeyError) as error:
             raise InputError(f"rng is no state of its random generator: {error}") from None
-        self.weights, self.moments, self.starts = state.weights, state.moments, state.starts
-        self.buffer = replace(
-            self.buffer, transitions=kept.transitions, born=kept.born,
-            demonstrated=kept.demonstrated,
-        )  # fmt: skip
-        learned = {name: getattr(state.shield, name) for name in ("gram", "cross", "seen", "ended")}
-        self.shield = replace(self.shield, **learned)
+        self.weights, self.moments, self.features = state.weights, state.moments, features
+        cells = Crowds(features) if isinstance(features, Kernels) else self.buffer.cells
+        self.buffer = replace(self.buffer, cells=cells, **_shallow(kept))
+        self.shield = replace(self.shield, **_shallow(state.shield))
         for name in _COUNTERS:
             setattr(self, name, getattr(state, name))
         self.batch.take()
         for transition in state.batch:
             self.batch.append(transition)
+
+    def _restored_features(self, state: KernelState) -> Basis:
+        """The functions as they were when a state was taken."""
+        if not isinstance(self.features, Kernels):
+            return self.features
+        n, shapes = self.task.n_dims, (state.scales.shape, state.periods.shape)
+        fits = state.points.ndim == 2 and state.points.shape[1] == n and shapes == ((n,), (n,))
+        if not (fits and len(state.points) and np.isfinite(state.points).all()):
+            raise InputError(
+                f"kernels have points of shape {state.points.shape}; allowed: finite, (n, {n})"
+            )
+        if not (state.width > 0.0 and (state.scales > 0.0).all()):
+            raise InputError("kernels have a width or scale that is not positive")
+        return Kernels(state.points, state.scales, state.periods, state.width)
+
+
+def _shallow(part: Any) -> dict[str, Any]:
+    """Fields of a dataclass by name."""
+    return {field.name: getattr(part, field.name) for field in fields(part)}
 
 
 def _check_like(name: str, found: Any, mine: Any) -> None:

@@ -75,6 +75,10 @@ class Transitions:
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Transitions:
         return Transitions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
+    def __add__(self, other: Transitions) -> Transitions:
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return Transitions(*(np.concatenate(pair) for pair in pairs))
+
     def __iter__(self) -> Iterator[Transition]:
         for k in range(len(self)):
             yield Transition(

@@ -19,6 +19,8 @@ CONDITION_LIMIT = 1e12
 """Condition number above which too few digits are left to believe a solve."""
 RESIDUAL_LIMIT = 1e-6
 """Relative residual above which a solve is not believed."""
+FAR_OFF = 10.0
+"""|Q̂| beyond so many times the largest possible return is not believed."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Solve:
         ‖Mw - b‖ / ‖b‖ (or ‖Mw‖ when b is zero).
     status : str
         One of `STATUSES`. "singular" weights are the least-squares solution of least norm.
-        "diverging" is found by whoever knows the rewards: see `judge.plausible`.
+        "diverging" is found by whoever knows the rewards: see `plausible`.
     """
 
     weights: Array
@@ -163,3 +165,20 @@ def solve_system(matrix: Array, target: Array) -> Solve:
         status = "inaccurate"
     condition = 1.0 / reciprocal if reciprocal > 0.0 else np.inf
     return Solve(weights, condition, rank, residual, status)
+
+
+def plausible(q: Array, reward: Array, gamma: float) -> bool:
+    """Whether values are not far beyond what such rewards can add up to.
+
+    Parameters
+    ----------
+    q : ndarray
+        Q̂ of some samples.
+    reward : ndarray
+        Rewards of those samples.
+    gamma : float in [0, 1)
+    """
+    most = float(np.abs(reward).max(initial=0.0)) / (1.0 - gamma)
+    if not np.isfinite(most):
+        return False
+    return bool(np.abs(q).max(initial=0.0) <= FAR_OFF * most or most == 0.0)

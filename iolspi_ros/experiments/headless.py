@@ -157,7 +157,7 @@ def remember(history: History, learner: Learner, show: Callable[[int], None]) ->
 
     def updated(update: Update) -> None:
         time = update.step * learner.task.sampling_time
-        history.policies.append(PolicyRecord.of(update, time, learner.weights))
+        history.policies.append(PolicyRecord.of(update, time, learner.snapshot))
 
     return Listener(observed, updated)
 
@@ -204,6 +204,6 @@ def train_beside(
     listener = remember(history, learner, lambda done: None)
     if len(demonstrations):
         update = learner.pretrain(demonstrations)
-        history.policies.append(PolicyRecord.of(update, 0.0, learner.weights))
+        history.policies.append(PolicyRecord.of(update, 0.0, learner.snapshot))
     train(world, learner, episodes, listener)
     return Beside(label, learner, history)

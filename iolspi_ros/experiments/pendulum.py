@@ -27,9 +27,9 @@ from sim_nodes.world import World, WorldSettings
 
 Array = NDArray[np.float64]
 
-LITERAL = LSPISettings(algorithm="literal", periodic=(False,))
+LITERAL = LSPISettings(algorithm="literal", centers=(11, 11), periodic=(False,))
 """T Algorithm 2 on T's grid of 11 by 11 functions, K_theta = 1000, epsilon = 0.2."""
-REFRESHED = LSPISettings()
+REFRESHED = LSPISettings(centers=(11, 11))
 HANGING: Any = Pendulum()  # a Task, and a dataclass
 
 _LAST = round(UPRIGHT_TIME / Pendulum.description.sampling_time)

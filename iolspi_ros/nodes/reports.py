@@ -66,14 +66,14 @@ class Reports:
             self._update_rows = wire.Rows("update", (*wire.UPDATE, *update.facts))
         message = self._update_rows.message(
             *self._head(), update.number, update.accepted, update.healthy,
-            float(np.linalg.norm(core.weights)), update.change, core.epsilon, core.n_samples,
+            float(np.linalg.norm(core.snapshot)), update.change, core.epsilon, core.n_samples,
             update.step, *update.facts.values(),
         )  # fmt: skip
         runtime.publish(self._update_out, message)
 
     def weights(self) -> None:
         """Publish the weights in use."""
-        message = wire.weights_message(self._core.weights, self._core.updates)
+        message = wire.weights_message(self._core.snapshot, self._core.updates)
         runtime.publish(self._weights_out, message)
 
     def condition(self) -> tuple[dict[str, object], str]:
@@ -83,7 +83,7 @@ class Reports:
             "updates": core.updates,
             "updates that kept the weights before": self._kept,
             "epsilon": f"{core.epsilon:.4g}",
-            "weights' norm": f"{np.linalg.norm(core.weights):.6g}",
+            "weights' norm": f"{np.linalg.norm(core.snapshot):.6g}",
             "transitions dropped": core.dropped,
             "offline LSPI": self._pretraining,
             **core.health(),

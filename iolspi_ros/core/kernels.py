@@ -1,0 +1,221 @@
+"""Features without a grid: Gaussians around states that were seen, spread by the samples alone.
+
+Nobody gives limits, numbers of centres or widths. Each variable is measured in its own range,
+states far from each other become centres, and a function is as wide as the centres are apart,
+so that it reaches its neighbours in two dimensions as in ten. The same centres divide the
+states for the buffer: what is nearest to one of them is one crowd.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from iolspi_ros.core.features import Basis, Table
+from iolspi_ros.errors import InputError
+
+Array = NDArray[np.float64]
+
+REACH = 1.5
+"""Width of a function in distances of a centre from the nearest other one."""
+RANGE = (0.005, 0.995)
+"""Shares of the samples between which a variable's range is taken."""
+LOYALTY = 1.3
+"""A centre in use goes only for a state that is so many times farther from all others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels(Basis):
+    """Gaussians around some states.
+
+    Parameters
+    ----------
+    points : ndarray of shape (size, n_dims)
+        Centres, in the units of the state.
+    scales : ndarray of shape (n_dims,)
+        What a distance is divided by: the range of each variable; of one that repeats, what the
+        chord between two of its values is divided by.
+    periods : ndarray of shape (n_dims,)
+        After which a variable repeats; 0 for never.
+    width : float
+        Of a function, in ranges.
+    """
+
+    points: Array
+    scales: Array
+    periods: Array
+    width: float
+
+    def __init__(self, points: Array, scales: Array, periods: Array, width: float) -> None:
+        # Not a product of functions: the limits and numbers of the base class say nothing.
+        for name, value in (("points", points), ("scales", scales), ("periods", periods),
+                            ("width", width)):  # fmt: skip
+            object.__setattr__(self, name, value)
+        spread = points if len(points) else np.zeros((1, len(scales)))
+        object.__setattr__(self, "low", tuple(spread.min(axis=0).tolist()))
+        object.__setattr__(self, "high", tuple(spread.max(axis=0).tolist()))
+        object.__setattr__(self, "centers", (1,) * len(scales))
+
+    @classmethod
+    def unseen(cls, periods: Array) -> Kernels:
+        """Before any sample: one function that is 1 everywhere."""
+        return cls(np.zeros((1, len(periods))), np.full(len(periods), np.inf), periods, 1.0)
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return len(self.points)
+
+    @cached_property
+    def table(self) -> Table:
+        """The numbers that evaluate it."""
+        n_dims = len(self.scales)
+        return Table(
+            False, np.zeros(n_dims, np.int64), np.zeros(0), 1.0 / (self.scales * self.width),
+            self.periods, np.zeros((0, n_dims), np.int64), np.ascontiguousarray(self.points),
+        )  # fmt: skip
+
+    def around(self, states: Array, size: int) -> Kernels:
+        """As many functions, at most, around states among these; present ones tend to stay.
+
+        Parameters
+        ----------
+        states : ndarray of shape (n_samples, n_dims)
+        size : int
+
+        Returns
+        -------
+        Kernels
+        """
+        scales = _ranges(states, self.periods)
+        own = self.points if np.isfinite(self.scales).any() else self.points[:0]
+        among = np.ascontiguousarray(np.concatenate([own, states]))
+        loyalty = np.where(np.arange(len(among)) < len(own), LOYALTY, 1.0)
+        chosen, gaps = _farthest(among, scales, self.periods, loyalty, min(size, len(among)))
+        points = np.ascontiguousarray(among[chosen])
+        width = REACH * float(np.median(gaps)) if len(gaps) > 1 else 1.0
+        return Kernels(points, scales, self.periods, width)
+
+    def nearest(self, states: Array) -> NDArray[np.int64]:
+        """Number of the nearest centre of each state, shape (n_samples,)."""
+        return _nearest(np.ascontiguousarray(states), self.points, self.scales, self.periods)
+
+    def packed(self, weights: Array) -> Array:
+        """A policy with its functions as one array, to send or to keep.
+
+        Returns
+        -------
+        ndarray of shape (n_actions + n_dims + 1, n_columns)
+            Rows of weights, of the centres' variables, and one that begins with 1 / width of
+            each variable and its period. Columns beyond the functions have no weight.
+        """
+        n_dims = len(self.scales)
+        rows = np.zeros((len(weights) + n_dims + 1, max(self.size, 2 * n_dims)))
+        rows[: len(weights), : self.size] = weights
+        rows[len(weights) : -1, : self.size] = self.points.T
+        rows[-1, : 2 * n_dims] = *self.table.gains, *self.periods
+        return rows
+
+    @classmethod
+    def unpacked(cls, rows: Array, n_actions: int) -> tuple[Kernels, Array]:
+        """Functions and weights from `packed`.
+
+        Raises
+        ------
+        InputError
+            When these are no such rows.
+        """
+        n_dims = len(rows) - n_actions - 1
+        if n_dims < 1 or rows.shape[1] < 2 * n_dims or not np.isfinite(rows).all():
+            raise InputError(
+                f"a policy with its functions has shape {rows.shape} for {n_actions} actions; "
+                "allowed: finite numbers, a row for each action, one for each variable, one more"
+            )
+        gains, periods = rows[-1, :n_dims], rows[-1, n_dims : 2 * n_dims]
+        points = np.ascontiguousarray(rows[n_actions:-1].T)
+        scales = np.divide(1.0, gains, out=np.full(n_dims, np.inf), where=gains != 0.0)
+        return cls(points, scales, periods.copy(), 1.0), rows[:n_actions].copy()
+
+
+@dataclass(frozen=True)
+class Crowds:
+    """Parts of the state space for a buffer: each is what is nearest to one centre."""
+
+    kernels: Kernels
+
+    @property
+    def n_dims(self) -> int:
+        """Number of state variables."""
+        return len(self.kernels.scales)
+
+    def __call__(self, states: Array, action: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number of the part and action of each sample, shape (n_samples,)."""
+        return self.kernels.nearest(states) + action * self.kernels.size
+
+
+def _ranges(states: Array, periods: Array) -> Array:
+    """Range of each variable; a variable that stands still does not count."""
+    low, high = np.quantile(states, RANGE, axis=0)
+    ranges = high - low
+    for d in np.flatnonzero(periods):
+        angle = 2.0 * np.pi * states[:, d] / periods[d]
+        sides = [np.ptp(np.quantile(f(angle), RANGE)) for f in (np.cos, np.sin)]
+        ranges[d] = max(sides) * periods[d] / (2.0 * np.pi)
+    scales: Array = np.where(ranges > 1e-12, ranges, np.inf)
+    return scales
+
+
+@njit(cache=True)
+def _distance(one: Array, other: Array, scales: Array, periods: Array) -> float:
+    """Squared, in ranges."""
+    total = 0.0
+    for d in range(len(scales)):
+        apart = one[d] - other[d]
+        if periods[d] > 0.0:
+            apart = np.sin(np.pi * apart / periods[d]) * periods[d] / np.pi
+        apart /= scales[d]
+        total += apart * apart
+    return total
+
+
+@njit(cache=True)
+def _farthest(
+    states: Array, scales: Array, periods: Array, loyalty: Array, size: int
+) -> tuple[NDArray[np.int64], Array]:
+    """Each time the state farthest from all chosen; their numbers, and the gap of each then."""
+    far = np.full(len(states), np.inf)
+    chosen, gaps, count, last = np.zeros(size, np.int64), np.empty(size), 1, 0
+    while count < size:
+        best, most = 0, 0.0
+        for i in range(len(states)):
+            far[i] = min(far[i], _distance(states[i], states[last], scales, periods))
+            if far[i] * loyalty[i] * loyalty[i] > most:
+                best, most = i, far[i] * loyalty[i] * loyalty[i]
+        if most <= 1e-12:
+            break
+        last = best
+        chosen[count], count = best, count + 1
+    for i in range(count):
+        nearest = np.inf
+        for j in range(count):
+            if i != j:
+                gap = _distance(states[chosen[i]], states[chosen[j]], scales, periods)
+                nearest = min(nearest, gap)
+        gaps[i] = np.sqrt(nearest)
+    return chosen[:count], gaps[:count]
+
+
+@njit(cache=True)
+def _nearest(states: Array, points: Array, scales: Array, periods: Array) -> NDArray[np.int64]:
+    found = np.zeros(len(states), np.int64)
+    for i in range(len(states)):
+        least = np.inf
+        for j in range(len(points)):
+            apart = _distance(states[i], points[j], scales, periods)
+            if apart < least:
+                found[i], least = j, apart
+    return found
