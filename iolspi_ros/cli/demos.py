@@ -176,6 +176,34 @@ def plot(
 
 
 @demos.command()
+def relabel(
+    bag: BAG, out: OUT,
+    task: Annotated[Path, typer.Option(help="YAML file of the robot.")],
+    vehicle: VEHICLE = "", run: RUN = 0, topics: TOPICS = None,
+) -> None:  # fmt: skip
+    """Make samples of a robot's own topics, or give samples the rewards of its file."""
+    from iolspi_ros.bags import Damage, read_card, read_demonstration, records, select
+    from msg_bridge.ros.description import read_robot
+    from msg_bridge.ros.replay import is_recording, relabelled, samples_of
+
+    robot = read_robot(task)
+    messages = list(records(bag, Damage()))
+    if is_recording({message.topic for message in messages}, robot):
+        samples = samples_of(messages, robot)
+    else:
+        found = read_demonstration(bag, robot.task, select(vehicle, run, topics or []))
+        samples = list(relabelled(found.samples, robot.rules))
+    if not samples:
+        raise InputError(
+            f"bag {bag} has no step in which all topics of {task} spoke and an action was told; "
+            "allowed: a recording of them"
+        )
+    card = read_card(bag) if bag.is_dir() else {}
+    _write(out, samples, robot.task, {"pilot": card["pilot"]} if "pilot" in card else {})
+    console.print(f"{out}: {len(samples)} samples")
+
+
+@demos.command()
 def export(
     bag: BAG, out: OUT, task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0,
     topics: TOPICS = None,
