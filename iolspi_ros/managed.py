@@ -21,7 +21,7 @@ class Autostart(Settings):
 
     autostart: str = setting(
         "activate", "transitions that the node makes at once, without being told to",
-        choices=("no", "configure", "activate"),
+        choices=("never", "configure", "activate"),
     )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ class ManagedNode(LifecycleNode):
         self.active = False
         self._refused: InputError | None = None
         wanted = parameters.declare(self, self.Autostart).autostart
-        if wanted != "no":
+        if wanted != "never":
             self._autostart = runtime.wall_timer(self, 0.0, lambda: self._start(wanted))
 
     def fail(self, error: InputError) -> None:

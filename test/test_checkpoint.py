@@ -244,7 +244,7 @@ def test_actions_that_the_task_does_not_have_are_refused(saved):
     ("change", "words"),
     [({"sampling_time": 0.01}, "sampling_time is 0.005 here and 0.01 there"),
      ({"gamma": 0.9}, "gamma is 0.98 here and 0.9 there"),
-     ({"name": "kite"}, "name is pendulum here and kite there")],
+     ({"name": "kite"}, "name is 'pendulum' here and 'kite' there")],
 )  # fmt: skip
 def test_one_of_another_task_is_refused_with_both_sides(saved, change, words):
     path, core = saved

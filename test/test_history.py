@@ -86,6 +86,7 @@ def test_the_thesis_own_stands_beside_only_where_it_differs(tmp_path):
     assert not learner.settings.shield
     assert (len(history.episodes), len(history.demonstrations)) == (2, 1)
     own = file.read_text().replace("centers: [5, 4, 7, 4]", "centers: [9, 1, 9, 1]")
+    own = own.replace("algorithm: refreshed", "algorithm: literal")
     other = tmp_path / "own.yaml"
     other.write_text(own)
     assert label == "thesis' algorithm to the letter"

@@ -207,13 +207,13 @@ CUP = tasks.load(json.dumps(SMALL), "")
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"name": "mug"}, ["name is cup here and mug there"]),
+        ({"name": "mug"}, ["name is 'cup' here and 'mug' there"]),
         ({"sampling_time": 0.25}, ["sampling_time is 0.5 here and 0.25 there"]),
         ({"gamma": 0.5}, ["gamma is 0.98 here and 0.5 there"]),
         ({"neutral": 1}, ["neutral is 0 here and 1 there"]),
         ({"episode_steps": 3}, ["episode_steps is 1000 here and 3 there"]),
         ({"version": 2}, ["version is 1 here and 2 there"]),
-        ({"action_unit": "l"}, ["action_unit is  here and l there"]),
+        ({"action_unit": "l"}, ["action_unit is '' here and 'l' there"]),
         ({"actions": (Action("wait"),)}, ["actions is [[], []] here and [[]] there"]),
         (
             {"endings": (Ending("time-out"), Ending("spilt", -1.0))},
@@ -222,7 +222,7 @@ CUP = tasks.load(json.dumps(SMALL), "")
         ),
         (
             {"variables": (Variable("level", "m", 0.0, 2.0), Variable("flow"))},
-            ["unit of level is  here and m there", "high of level is 1.0 here and 2.0 there"],
+            ["unit of level is '' here and 'm' there", "high of level is 1.0 here and 2.0 there"],
         ),
     ],
 )  # fmt: skip
@@ -239,7 +239,7 @@ def test_a_difference_shows_both_sides(change, words):
 def test_variables_that_only_one_side_has_are_told():
     more = replace(CUP, variables=(*CUP.variables, Variable("heat")))
     assert any("heat is" in line and "there only" in line for line in CUP.differences(more))
-    assert "unit of heat is  here and missing there" in more.differences(CUP)
+    assert "unit of heat is '' here and missing there" in more.differences(CUP)
 
 
 def test_words_for_people_may_differ():

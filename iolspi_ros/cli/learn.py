@@ -70,14 +70,21 @@ def learn(
     )
     if demos:
         _pretrain(core, history)
+    interrupted = False
     try:
         with bar("learning online [episodes]", count) as show:
             train(world, core, count, remember(history, core, show))
     except KeyboardInterrupt:
         console.print("interrupted; what was learned so far is kept")
+        interrupted = True
     checkpoint.save(out / "checkpoint.npz", core, name)
     if not history.policies:
-        raise KeyboardInterrupt  # before the first update: there is nothing to report
+        if interrupted:
+            raise KeyboardInterrupt
+        raise InputError(
+            f"{count} episodes had {core.step} steps, less than one update: nothing was learned; "
+            "allowed: more --episodes, or a smaller update_interval"
+        )
     extra = {"learner": name, "wall_seconds": round(time.monotonic() - start, 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
     subject = report.Subject(model, core, history, baseline(model))

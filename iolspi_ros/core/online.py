@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from iolspi_ros.core.buffer import Buffer
-from iolspi_ros.core.features import Basis, Table, weigh
+from iolspi_ros.core.choice import Choice, choose, epsilon_at, greedy_action, guarded
+from iolspi_ros.core.features import Basis
 from iolspi_ros.core.kernels import Crowds, Kernels
-from iolspi_ros.core.learner import Kernel, Proceed, Source, Update, always
-from iolspi_ros.core.lspi import Iteration, greedy, offline_lspi
+from iolspi_ros.core.learner import Kernel, Proceed, Source, always
+from iolspi_ros.core.lspi import greedy, offline_lspi
 from iolspi_ros.core.lspi_settings import LSPISettings
+from iolspi_ros.core.lspi_state import (
+    COUNTERS,
+    BufferState,
+    KernelState,
+    LSPIState,
+    ShieldState,
+    check,
+    shallow,
+)
+from iolspi_ros.core.lspi_update import Computed, LSPIUpdate, described, facts
 from iolspi_ros.core.moments import Moments, accumulate
 from iolspi_ros.core.outliers import doubts, generous
-from iolspi_ros.core.refresh import STOPS, Refresh, refresh
+from iolspi_ros.core.refresh import refresh
 from iolspi_ros.core.samples import Batch, Transition, Transitions
-from iolspi_ros.core.shield import Guard, Shield, allowed, safest
-from iolspi_ros.core.solve import STATUSES, Solve, plausible, solve
+from iolspi_ros.core.solve import Solve, plausible, solve
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription
 
@@ -30,208 +38,6 @@ Array = NDArray[np.float64]
 
 _SOURCES = tuple(Source)
 _EXPLOIT, _EXPLORE, _SHIELD = int(Source.EXPLOIT), int(Source.EXPLORE), int(Source.SHIELD)
-
-
-class Choice(NamedTuple):
-    """What it takes to choose an action, for compiled code.
-
-    Attributes
-    ----------
-    table : Table
-    weights : ndarray of shape (n_actions, size)
-    guard : Guard
-    exploring : tuple of float
-        Where epsilon starts, its factor per second, T_s [s], and what it never decays below.
-    factors, phi, q : ndarray
-        Room to work in.
-    """
-
-    table: Table
-    weights: Array
-    guard: Guard
-    exploring: tuple[float, float, float, float]
-    factors: Array
-    phi: Array
-    q: Array
-
-
-@njit(cache=True)
-def epsilon_at(exploring: tuple[float, float, float, float], step: int) -> float:
-    """Exploration rate at an online step (T Eq. 14)."""
-    start, decay, sampling_time, floor = exploring
-    return max(start * decay ** (step * sampling_time), floor)
-
-
-@njit(cache=True)
-def choose(memory: Choice, rng: np.random.Generator, step: int, state: Array) -> tuple[int, int]:
-    """Action and its source (T Algorithm 2, line 5); one of several of the same value at random.
-
-    `OnlineLSPI.act` draws the same in Python: taking a generator over into compiled code costs
-    more than all the rest of a single choice.
-    """
-    if rng.random() < epsilon_at(memory.exploring, step):
-        return guarded(memory, state, int(rng.integers(0, len(memory.weights))), _EXPLORE)
-    action, count = greedy_action(memory, state, 0)
-    if count > 1:
-        action, _ = greedy_action(memory, state, int(rng.integers(0, count)))
-    return guarded(memory, state, action, _EXPLOIT)
-
-
-@njit(cache=True)
-def greedy_action(memory: Choice, state: Array, which: int) -> tuple[int, int]:
-    """One of the actions of the largest value, counted from 0, and how many there are.
-
-    Values that are no numbers are all as good as another.
-    """
-    q = memory.q
-    weigh(memory.table, memory.weights, state, memory.factors, memory.phi, q)
-    most, count, action = q[0], 0, 0
-    for a in range(len(q)):
-        if q[a] > most:
-            most = q[a]
-    none = not (q == most).any()
-    for a in range(len(q)):
-        if none or q[a] == most:
-            if count == which:
-                action = a
-            count += 1
-    return action, count
-
-
-@njit(cache=True)
-def guarded(memory: Choice, state: Array, action: int, source: int) -> tuple[int, int]:
-    """The action, or another where the shield vetoes it."""
-    guard = memory.guard
-    if guard.active and not allowed(guard, state, action):
-        weigh(memory.table, memory.weights, state, memory.factors, memory.phi, memory.q)
-        return safest(guard, state, memory.q), _SHIELD
-    return action, source
-
-
-@dataclass(frozen=True)
-class LSPIUpdate(Update):
-    """One policy update, with what it came from.
-
-    Attributes
-    ----------
-    solve : Solve
-        Its weights are those that the update found.
-    refresh : Refresh, optional
-        What came of the samples kept, of a refreshed update.
-    iteration : Iteration, optional
-        The policy iteration that the weights come from, when there was one.
-    """
-
-    solve: Solve
-    refresh: Refresh | None
-    iteration: Iteration | None
-
-
-def _described(number: int, accepted: bool, found: Computed) -> str:
-    """One line for a person."""
-    parts = [f"update {number}" if number else "offline LSPI"]
-    if found.iteration:
-        parts[0] += f": {found.iteration.describe()}"
-    if found.refresh:
-        parts.append(found.refresh.describe())
-    if not (found.iteration or found.refresh):
-        kept = "" if accepted else ", the weights before stay"
-        parts.append(f"solve {found.solve.status}{kept}")
-    return "; ".join(parts)
-
-
-def _facts(found: Computed) -> dict[str, float]:
-    """Numbers of an update, for reports."""
-    solve, kept = found.solve, found.refresh
-    return {
-        "condition": solve.condition,
-        "rank": solve.rank,
-        "residual": solve.residual,
-        "status": STATUSES.index(solve.status),
-        "iterations": kept.iterations if kept else 0,
-        "stop": STOPS.index(kept.stop) if kept else 0,
-        "delta": kept.delta if kept else 0.0,
-        "rungs": kept.rungs if kept else 0,
-        "doubted": kept.doubted if kept else 0,
-    }
-
-
-@dataclass(frozen=True)
-class Computed:
-    """What an update's computation gives, to be taken by `finish_update`."""
-
-    weights: Array
-    solve: Solve
-    moments: Moments
-    buffer: Buffer
-    shield: Shield
-    features: Basis
-    refresh: Refresh | None = None
-    iteration: Iteration | None = None
-
-
-@dataclass(frozen=True)
-class KernelState:
-    """Functions around samples, as of `kernels.Kernels`; without a point for a grid."""
-
-    points: Array
-    scales: Array
-    periods: Array
-    width: float
-
-
-@dataclass(frozen=True)
-class BufferState:
-    """Samples kept, as of `buffer.Buffer`."""
-
-    transitions: Transitions
-    born: NDArray[np.int64]
-    demonstrated: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class ShieldState:
-    """What the shield has seen, as of `shield.Shield`."""
-
-    gram: Array
-    cross: Array
-    seen: Array
-    ended: Array
-
-
-@dataclass(frozen=True)
-class LSPIState:
-    """Everything that goes on bit by bit the same.
-
-    Attributes
-    ----------
-    weights : ndarray of shape (n_actions, size)
-    kernels : KernelState
-    moments : Moments
-    buffer : BufferState
-    shield : ShieldState
-    batch : Transitions
-        Observed since the last update.
-    step, n_samples, updates, dropped, vetoes : int
-    rng : dict
-        State of the random generator.
-    """
-
-    weights: Array
-    kernels: KernelState
-    moments: Moments
-    buffer: BufferState
-    shield: ShieldState
-    batch: Transitions
-    step: int
-    n_samples: int
-    updates: int
-    dropped: int
-    vetoes: int
-    rng: dict[str, Any]
-
-
-_COUNTERS = ("step", "n_samples", "updates", "dropped", "vetoes")
 
 
 class OnlineLSPI:
@@ -433,7 +239,7 @@ class OnlineLSPI:
     def _report(self, number: int, accepted: bool, found: Computed) -> LSPIUpdate:
         return LSPIUpdate(
             number, self.step, accepted, found.solve.healthy,
-            self._change(found.solve), _described(number, accepted, found), _facts(found),
+            self._change(found.solve), described(number, accepted, found), facts(found),
             found.solve, found.refresh, found.iteration,
         )  # fmt: skip
 
@@ -552,17 +358,11 @@ class OnlineLSPI:
 
     def state(self) -> LSPIState:
         """Everything that a later `restore` needs to go on bit by bit the same."""
-        f, kept = self.features, self.buffer
-        none = np.empty((0, self.task.n_dims))
-        kernels = (
-            KernelState(f.points, f.scales, f.periods, f.width)
-            if isinstance(f, Kernels)
-            else KernelState(none, none[:, 0], none[:, 0], 1.0)
-        )
+        kept = self.buffer
         shield = {field.name: getattr(self.shield, field.name) for field in fields(ShieldState)}
-        counters = {name: getattr(self, name) for name in _COUNTERS}
+        counters = {name: getattr(self, name) for name in COUNTERS}
         return LSPIState(
-            self.weights, kernels, self.moments,
+            self.weights, KernelState.of(self.features, self.task.n_dims), self.moments,
             BufferState(kept.transitions, kept.born, kept.demonstrated), ShieldState(**shield),
             self.batch.rows(), **counters, rng=dict(self.rng.bit_generator.state),
         )  # fmt: skip
@@ -575,64 +375,20 @@ class OnlineLSPI:
         InputError
             When it was made with other actions or features, or holds what cannot be.
         """
-        features, mine, kept = self._restored_features(state.kernels), self.state(), state.buffer
-        shape = (self.task.n_actions, features.size)
-        if state.weights.shape != shape:
-            raise InputError(f"weights have shape {state.weights.shape}; allowed: {shape}")
-        if not np.isfinite(state.weights).all():
-            raise InputError("weights are not all finite; allowed: finite numbers")
-        for name, part in (("moments", state.moments), ("shield", state.shield)):
-            _check_like(name, part, getattr(mine, name))
-        for name, rows in (("batch", state.batch), ("buffer", kept.transitions)):
-            fits = rows.state.shape[1] == self.task.n_dims
-            if not (fits and rows.usable(self.task.n_actions).all()):
-                raise InputError(
-                    f"{name} holds transitions that are none of task {self.task.name}; allowed: "
-                    f"{self.task.n_dims} finite variables, actions 0 to {self.task.n_actions - 1}"
-                )
-        if not len(kept.born) == len(kept.demonstrated) == len(kept.transitions):
-            raise InputError("buffer has columns of different lengths; allowed: one length")
+        features, cells = self.features, self.buffer.cells
+        if isinstance(features, Kernels):
+            features = state.kernels.kernels(self.task.n_dims)
+            cells = Crowds(features)
+        check(state, self.state(), self.task, features.size)
         try:
             self.rng.bit_generator.state = state.rng
         except (TypeError, ValueError, KeyError) as error:
             raise InputError(f"rng is no state of its random generator: {error}") from None
         self.weights, self.moments, self.features = state.weights, state.moments, features
-        cells = Crowds(features) if isinstance(features, Kernels) else self.buffer.cells
-        self.buffer = replace(self.buffer, cells=cells, **_shallow(kept))
-        self.shield = replace(self.shield, **_shallow(state.shield))
-        for name in _COUNTERS:
+        self.buffer = replace(self.buffer, cells=cells, **shallow(state.buffer))
+        self.shield = replace(self.shield, **shallow(state.shield))
+        for name in COUNTERS:
             setattr(self, name, getattr(state, name))
         self.batch.take()
         for transition in state.batch:
             self.batch.append(transition)
-
-    def _restored_features(self, state: KernelState) -> Basis:
-        """The functions as they were when a state was taken."""
-        if not isinstance(self.features, Kernels):
-            return self.features
-        n, shapes = self.task.n_dims, (state.scales.shape, state.periods.shape)
-        fits = state.points.ndim == 2 and state.points.shape[1] == n and shapes == ((n,), (n,))
-        if not (fits and len(state.points) and np.isfinite(state.points).all()):
-            raise InputError(
-                f"kernels have points of shape {state.points.shape}; allowed: finite, (n, {n})"
-            )
-        if not (state.width > 0.0 and (state.scales > 0.0).all()):
-            raise InputError("kernels have a width or scale that is not positive")
-        return Kernels(state.points, state.scales, state.periods, state.width)
-
-
-def _shallow(part: Any) -> dict[str, Any]:
-    """Fields of a dataclass by name."""
-    return {field.name: getattr(part, field.name) for field in fields(part)}
-
-
-def _check_like(name: str, found: Any, mine: Any) -> None:
-    """Raise unless the arrays of a part have the shapes of ours and are finite where they are."""
-    for field in fields(mine):
-        here, there = getattr(mine, field.name), getattr(found, field.name)
-        if not isinstance(here, np.ndarray):
-            continue
-        if there.shape != here.shape:
-            raise InputError(f"{name} {field.name} has shape {there.shape}; allowed: {here.shape}")
-        if np.isfinite(here).all() and not np.isfinite(there).all():
-            raise InputError(f"{name} {field.name} is not all finite; allowed: finite numbers")

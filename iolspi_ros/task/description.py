@@ -288,8 +288,9 @@ class TaskDescription:
         mine, theirs = _facts(self), _facts(other)
         for name in mine:
             if mine[name] != theirs.get(name):
-                yield f"{name} is {mine[name]} here and {theirs.get(name, 'missing')} there"
-        yield from (f"{name} is {theirs[name]} there only" for name in theirs if name not in mine)
+                there = repr(theirs[name]) if name in theirs else "missing"
+                yield f"{name} is {mine[name]!r} here and {there} there"
+        yield from (f"{name} is {theirs[name]!r} there only" for name in theirs if name not in mine)
 
     def check_same(self, other: TaskDescription, whose: str, others: str) -> None:
         """Raise unless `other` describes the same task.

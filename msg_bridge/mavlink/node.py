@@ -55,7 +55,7 @@ class BridgeSettings(Settings):
 class ManualStart(Autostart):
     """A vehicle that flies does not start by itself."""
 
-    autostart: str = replaced(Autostart, "autostart", "no")
+    autostart: str = replaced(Autostart, "autostart", "never")
 
 
 class Bridge(ManagedNode):

@@ -1,0 +1,104 @@
+"""The launch file: which nodes it starts, and with what.
+
+`launch` comes with a ROS installation only; where there is none, stand-ins with the same names take
+its place here, so that what is tested is the file and not how ROS runs it.
+"""
+
+import importlib.util
+import sys
+import types
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from iolspi_ros.core.learner import learner_class
+from iolspi_ros.managed import Autostart
+from iolspi_ros.nodes.demonstrator import DemonstratorSettings
+from iolspi_ros.nodes.learner import NodeSettings
+from iolspi_ros.nodes.player import PlayerSettings
+from iolspi_ros.settings import from_mapping
+from sim_nodes.simulator import SimulatorSettings, TaskChoice
+
+FILE = Path(__file__).parent.parent / "launch" / "learn.launch.py"
+CLASSES = {
+    "simulator": (Autostart, TaskChoice, SimulatorSettings),
+    "demonstrator": (Autostart, DemonstratorSettings, PlayerSettings),
+    "learner": (Autostart, NodeSettings, learner_class("iolspi").Settings),
+}
+
+
+class Recorded:
+    """Whatever it is made with, as attributes."""
+
+    def __init__(self, *places, **names):
+        self.places = places
+        self.__dict__ |= names
+
+
+class Configuration(Recorded):
+    def perform(self, context):
+        return context[self.places[0]]
+
+
+@pytest.fixture
+def launched(monkeypatch, tmp_path):
+    """Call with the arguments given; the nodes by name."""
+    stand_ins = {
+        "launch": {"LaunchDescription": Recorded},
+        "launch.actions": {"DeclareLaunchArgument": Recorded, "OpaqueFunction": Recorded},
+        "launch.substitutions": {"LaunchConfiguration": Configuration},
+        "launch_ros": {},
+        "launch_ros.actions": {"Node": Recorded},
+        "ament_index_python": {},
+        "ament_index_python.packages": {"get_package_share_directory": lambda name: "share"},
+    }
+    for name, members in stand_ins.items():
+        module = types.ModuleType(name)
+        module.__dict__.update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.spec_from_file_location("learn_launch", FILE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    declared = {a.places[0]: a.default_value
+                for a in module.generate_launch_description().places[0][:-1]}  # fmt: skip
+
+    def launch(**arguments):
+        assert set(arguments) <= set(declared)
+        return {node.executable: node for node in module.nodes(declared | arguments)}
+
+    return launch
+
+
+def parameters(node):
+    return {name: value for part in node.parameters if isinstance(part, dict)
+            for name, value in part.items()}  # fmt: skip
+
+
+@pytest.mark.parametrize("task", ["pendulum", "slung_load", "cart_pole", "boat:Boat"])
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_every_parameter_is_one_of_its_node(launched, task, mode):
+    found = launched(task=task, mode=mode, seed="3", checkpoint="c.npz")
+    assert set(found) == set(CLASSES)
+    for name, node in found.items():
+        values = parameters(node)
+        known = {field.name for cls in CLASSES[name] for field in fields(cls)}
+        assert set(values) <= known
+        for cls in CLASSES[name]:
+            from_mapping(cls, values, name)  # raises when a value is not allowed
+    assert parameters(found["simulator"])["task"] == task
+    assert parameters(found["learner"])["background"] == (mode == "realtime")
+    files = [part for part in found["learner"].parameters if isinstance(part, str)]
+    assert [Path(file).name for file in files] == ([f"{task}.yaml"] if ":" not in task else [])
+
+
+def test_a_namespace_is_that_of_all(launched):
+    assert {node.namespace for node in launched(namespace="v1").values()} == {"v1"}
+
+
+def test_a_person_with_a_joystick_takes_the_place_of_a_shipped_set(launched):
+    shown = parameters(launched(joystick="true", record="mine")["demonstrator"])
+    assert shown == {"source": "joy", "record": "mine"}
+    none = launched(demonstration="0")
+    assert set(none) == {"simulator", "learner"}
+    assert not parameters(none["learner"])["wait_for_demonstrations"]
