@@ -24,7 +24,7 @@ ROOMS = {
     "tasks": ("sim_nodes.tasks", "sim_nodes.pilots", "sim_nodes.world", "sim_nodes.pictures"),
     "wire": ("iolspi_ros.wire", "iolspi_ros.cdr", "iolspi_ros.pairing", "iolspi_ros.bags"),
     "ros": ("iolspi_ros.qos", "iolspi_ros.parameters", "iolspi_ros.runtime", "iolspi_ros.managed",
-            "iolspi_ros.vehicle_topics"),
+            "iolspi_ros.vehicle_topics", "iolspi_ros.unheard"),
     "frames": ("msg_bridge.frames",),
     "autopilot": ("sim_nodes.autopilot",),
     "simulator": ("sim_nodes.simulator", "sim_nodes.markers"),

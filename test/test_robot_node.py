@@ -13,9 +13,10 @@ import pytest
 from conftest import spin_until
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
-from iolspi_ros import bags, qos, runtime
+from iolspi_ros import bags, qos, runtime, wire
 from iolspi_ros.task import load
 
 ROOT = Path(__file__).parent.parent
@@ -70,8 +71,6 @@ def test_it_says_its_task_and_publishes_rows_and_the_robot_moves(nodes, node, ex
     tasks, states = heard(node, String, "task", qos.TASK), rows(node, "state")
     rewards, commands = rows(node, "reward"), heard(node, Twist, "cmd_vel")
     actions = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
-    from iolspi_ros import wire
-
     pack = wire.Rows("action", wire.ACTION)
 
     def answer():
@@ -107,7 +106,7 @@ def test_a_topic_of_another_type_ends_it_with_both_types(nodes, node):
     status, said = nodes.finish("vehicle", "-p", f"task:={EXAMPLE / 'park.yaml'}")
     assert status == 2
     assert re.search(r"/odom is published by (peer|a node) as std_msgs/msg/Float64", said)
-    assert "the file says nav_msgs/msg/Odometry" in said
+    assert "nav_msgs/msg/Odometry is listened for" in said
 
 
 def test_a_quality_of_service_that_cannot_be_heard_is_named_as_that(nodes, node, tmp_path):
@@ -122,8 +121,28 @@ def test_a_quality_of_service_that_cannot_be_heard_is_named_as_that(nodes, node,
     node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
     status, said = nodes.finish("vehicle", "-p", f"task:={path}")
     assert status == 2
-    assert "cannot be heard with qos reliable" in said
+    assert "cannot be heard: its quality of service does not suit" in said
     assert "RELIABLE" in said.upper()
+
+
+@pytest.mark.parametrize("volatile", [True, False])
+def test_a_vehicle_that_others_cannot_hear_is_told_so(nodes, node, volatile):
+    from rclpy.qos import qos_profile_sensor_data
+
+    if volatile:
+        node.create_publisher(String, "task", 10)
+    else:
+        from sim_nodes.tasks.pendulum import Pendulum
+
+        said = node.create_publisher(String, "task", qos.LATCHED)
+        said.publish(wire.task_message(Pendulum.description))
+        node.create_publisher(JointState, "state", qos_profile_sensor_data)
+    status, said = nodes.finish(
+        "learner", "-p", "vehicle_timeout:=2.0", "-p", "wait_for_demonstrations:=false"
+    )
+    assert status == 2
+    topic = "/task" if volatile else "/state"
+    assert f"topic {topic} of peer cannot be heard: its quality of service" in said
 
 
 @pytest.mark.parametrize(

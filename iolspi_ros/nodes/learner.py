@@ -20,7 +20,7 @@ from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_cl
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.control_loop import ControlLoop, no_vehicle
+from iolspi_ros.nodes.control_loop import TASK, ControlLoop, no_vehicle
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.reports import Reports, diagnostics
 from iolspi_ros.settings import Settings, setting
@@ -207,7 +207,8 @@ class LearnerNode(ManagedNode):
     def _check_vehicle(self) -> None:
         self._watch.cancel()
         if self.core is None and self.active:
-            self.fail(no_vehicle(self._task.topic, self.settings.vehicle_timeout))
+            timeout = self.settings.vehicle_timeout
+            self.fail(no_vehicle(self, self._task.topic, timeout, TASK, qos.TASK))
 
     def _act_if_ready(self) -> None:
         if self.active and self._ready and not self._conflict and self._pretraining is None:

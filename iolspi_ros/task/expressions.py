@@ -12,8 +12,6 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from simpleeval import InvalidExpression, SimpleEval
-
 from iolspi_ros.errors import InputError
 
 LONGEST, MOST_PIECES = 1000, 300
@@ -73,7 +71,7 @@ class Expression:
         self.text, self.what = text, what
         self._names = {name: f"v{number}" for number, name in enumerate(names)}
         self._root = self._checked()
-        self._evaluator = SimpleEval(functions=FUNCTIONS)
+        self._evaluator = _evaluator()
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
         """What it comes to with some values.
@@ -89,7 +87,7 @@ class Expression:
             found = self._evaluator.eval(self.text, previously_parsed=self._root)
             if isinstance(found, complex):
                 raise ValueError("it is no real number")
-        except (ArithmeticError, ValueError, TypeError, InvalidExpression) as error:
+        except (ArithmeticError, ValueError, TypeError, self._evaluator.error) as error:
             shown = ", ".join(f"{name} = {_short(values[name])}" for name in self.used)
             raise InputError(
                 f"{self.what} ({self.text}) cannot be computed: {error}; there {shown or 'always'}"
@@ -172,6 +170,19 @@ class Expression:
             f"{', '.join(self._names) or 'pi'}, + - * / ** %, comparisons, and, or, not, A if B "
             f"else C, {', '.join(FUNCTIONS)}"
         )
+
+
+def _evaluator() -> Any:
+    """What computes; with `error`, which it raises."""
+    try:
+        from simpleeval import InvalidExpression, SimpleEval
+    except ImportError:
+        raise InputError(
+            "expressions need simpleeval, which is not installed; allowed: pip install simpleeval"
+        ) from None
+    found = SimpleEval(functions=FUNCTIONS)
+    found.error = InvalidExpression
+    return found
 
 
 def _dotted(node: ast.AST) -> str | None:

@@ -7,16 +7,11 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSCompatibility,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from iolspi_ros import runtime
 from iolspi_ros.errors import InputError
+from iolspi_ros.unheard import name_of, unheard
 from msg_bridge.ros.description import Output, Robot
 
 _PROFILES = {
@@ -101,18 +96,17 @@ class Wiring:
         """
         for topic, source in self._sources.items():
             resolved = self._node.resolve_topic_name(topic)
-            for other in self._node.get_publishers_info_by_topic(resolved):
-                _check_type(resolved, other, source.type_name, "published")
-                found, why = qos_check_compatible(other.qos_profile, _PROFILES[source.qos])
-                if found == QoSCompatibility.ERROR:
-                    raise InputError(
-                        f"topic {resolved} of {_name(other)} cannot be heard with qos "
-                        f"{source.qos}: {why.strip('; ')}; allowed: qos: best_effort"
-                    )
+            why = unheard(self._node, resolved, source.type_name, _PROFILES[source.qos])
+            if why:
+                raise InputError(f"{why}; allowed: the file's type, and qos: best_effort hears all")
         for output in self._robot.outputs:
             resolved = self._node.resolve_topic_name(output.topic)
             for other in self._node.get_subscriptions_info_by_topic(resolved):
-                _check_type(resolved, other, output.type_name, "heard")
+                if other.topic_type != output.type_name:
+                    raise InputError(
+                        f"topic {resolved} is heard by {name_of(other)} as {other.topic_type}, and "
+                        f"the file says {output.type_name}; allowed: the same type"
+                    )
 
     def flush(self, patience: Duration) -> None:
         """Wait until what was published has arrived."""
@@ -127,20 +121,6 @@ class Wiring:
             self._node.destroy_publisher(publisher)
         if self._client is not None:
             self._node.destroy_client(self._client)
-
-
-def _check_type(topic: str, other: Any, wanted: str, how: str) -> None:
-    if other.topic_type != wanted:
-        raise InputError(
-            f"topic {topic} is {how} by {_name(other)} as {other.topic_type}, and the file "
-            f"says {wanted}; allowed: the same type"
-        )
-
-
-def _name(other: Any) -> str:
-    """Of the node at a topic's other end; just after it has come nobody knows."""
-    name = str(other.node_name)
-    return "a node" if "UNKNOWN" in name else name
 
 
 def _refusal(done: Any) -> str:
