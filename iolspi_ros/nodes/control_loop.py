@@ -63,6 +63,8 @@ class ControlLoop:
         Seconds from `start` to the first state, after which to give up; 0 for never.
     local : bool
         The vehicle is in this process: it hands its observations to `respond`.
+    prefix : str
+        Before the names of the vehicle's topics.
     """
 
     def __init__(
@@ -73,12 +75,13 @@ class ControlLoop:
         timeout: float,
         *,
         local: bool = False,
+        prefix: str = "",
     ) -> None:
         self._node, self._task, self._controller = node, task, controller
         self._timeout = timeout
         self._pairer = Pairer(task)
         self._rows = wire.Rows("action", wire.ACTION)
-        self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
+        self._out = node.create_publisher(Float64MultiArray, f"{prefix}action", qos.OUTGOING)
         self._newest = (-1, -1)
         self._older = 0
         self._answer = b""
@@ -92,8 +95,8 @@ class ControlLoop:
             ()
             if local
             else (
-                (wire.states(task).type, "state", self._receive_state),
-                (Float64MultiArray, "reward", self._receive_reward),
+                (wire.states(task).type, f"{prefix}state", self._receive_state),
+                (Float64MultiArray, f"{prefix}reward", self._receive_reward),
             )
         )
         self._heard_on = [
