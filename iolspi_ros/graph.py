@@ -88,15 +88,23 @@ class Graph:
         finally:
             signal.signal(signal.SIGINT, before)
 
-    def start(self, node: str, parameters: Mapping[str, Any], file: Path | None = None) -> None:
-        """Start a node with a parameter file and parameters that go before it."""
-        arguments = ["--ros-args"]
+    def start(
+        self,
+        node: str,
+        parameters: Mapping[str, Any],
+        file: Path | None = None,
+        *,
+        namespace: str = "",
+        name: str = "",
+    ) -> None:
+        """Start a node with a parameter file and parameters before it; its log is called `name`."""
+        arguments = ["--ros-args", *(["-r", f"__ns:={namespace}"] if namespace else [])]
         if file is not None:
             arguments += ["--params-file", str(file)]
-        for name, value in parameters.items():
+        for key, value in parameters.items():
             text = yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
-            arguments += ["-p", f"{name}:={text}"]
-        self.run(node, "iolspi_ros.nodes.start", node, *arguments)
+            arguments += ["-p", f"{key}:={text}"]
+        self.run(name or node, "iolspi_ros.nodes.start", node, *arguments)
 
     def run(self, name: str, module: str, *arguments: str) -> None:
         """Start a Python module that ends with its parent, as our nodes do; `name` is its log's."""
