@@ -33,7 +33,11 @@ setup(
     ],
     python_requires=">=3.11,<3.14",
     install_requires=["setuptools"],
-    extras_require={"cluster": ["distributed"], "bench": ["mushroom-rl==1.10.2"]},
+    extras_require={
+        "cluster": ["distributed"],
+        "bench": ["mushroom-rl==1.10.2"],
+        "gymnasium": ["gymnasium[box2d]>=1.0"],
+    },
     zip_safe=True,
     description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",
     license="Apache-2.0",
@@ -44,6 +48,7 @@ setup(
             "demonstrator = iolspi_ros.nodes.start:demonstrator",
             "learner = iolspi_ros.nodes.start:learner",
             "bridge = iolspi_ros.nodes.start:bridge",
+            "vehicle = iolspi_ros.nodes.start:vehicle",
             "graph = iolspi_ros.nodes.start:graph",
         ],
         "iolspi_ros.tasks": [
@@ -51,6 +56,7 @@ setup(
             "slung_load = sim_nodes.tasks.slung_load:SlungLoad",
             "cart_pole = sim_nodes.tasks.cart_pole:CartPole",
         ],
+        "gymnasium.envs": ["iolspi_ros = msg_bridge.gym:register"],
         "iolspi_ros.learners": [
             "iolspi = iolspi_ros.core.online:OnlineLSPI",
         ],

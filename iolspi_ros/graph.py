@@ -65,10 +65,12 @@ class Graph:
     ----------
     folder : Path
         Where each node's output goes, as NAME.log.
+    environment : mapping of str to str
+        Variables that the nodes have otherwise than this process.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
+        self._folder, self._environment = folder, dict(environment or {})
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> Graph:
@@ -86,15 +88,23 @@ class Graph:
         finally:
             signal.signal(signal.SIGINT, before)
 
-    def start(self, node: str, parameters: Mapping[str, Any], file: Path | None = None) -> None:
-        """Start a node with a parameter file and parameters that go before it."""
-        arguments = ["--ros-args"]
+    def start(
+        self,
+        node: str,
+        parameters: Mapping[str, Any],
+        file: Path | None = None,
+        *,
+        namespace: str = "",
+        name: str = "",
+    ) -> None:
+        """Start a node with a parameter file and parameters before it; its log is called `name`."""
+        arguments = ["--ros-args", *(["-r", f"__ns:={namespace}"] if namespace else [])]
         if file is not None:
             arguments += ["--params-file", str(file)]
-        for name, value in parameters.items():
+        for key, value in parameters.items():
             text = yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
-            arguments += ["-p", f"{name}:={text}"]
-        self.run(node, "iolspi_ros.nodes.start", node, *arguments)
+            arguments += ["-p", f"{key}:={text}"]
+        self.run(name or node, "iolspi_ros.nodes.start", node, *arguments)
 
     def run(self, name: str, module: str, *arguments: str) -> None:
         """Start a Python module that ends with its parent, as our nodes do; `name` is its log's."""
@@ -103,7 +113,7 @@ class Graph:
             self._processes[name] = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                env=os.environ | {PARENT: str(os.getpid())},
+                env=os.environ | self._environment | {PARENT: str(os.getpid())},
             )  # fmt: skip
 
     def check(self) -> None:

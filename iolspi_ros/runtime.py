@@ -12,12 +12,14 @@ from typing import Any, Protocol
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from iolspi_ros.arguments import without_files
@@ -26,15 +28,15 @@ from iolspi_ros.errors import InputError
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
-def executor() -> Executor:
-    """The fastest executor that this rclpy has."""
+def executor(context: Context | None = None) -> Executor:
+    """The fastest executor that this rclpy has; of the default context, or another."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:  # rclpy of the first Jazzy releases
         from rclpy.executors import SingleThreadedExecutor
 
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
@@ -68,7 +70,11 @@ class Nodes(Protocol):
 
 
 def main(
-    make: Callable[[Sequence[str]], Node | Nodes], name: str, arguments: Sequence[str] | None = None
+    make: Callable[[Sequence[str]], Node | Nodes],
+    name: str,
+    arguments: Sequence[str] | None = None,
+    *,
+    last_word: bool = False,
 ) -> int:
     """Run one node, or some in one process, until told to stop.
 
@@ -80,6 +86,8 @@ def main(
         For messages.
     arguments : sequence of str, optional
         Command line with `--ros-args`; that of the process by default.
+    last_word : bool
+        After a signal the node can still publish while it is closed; else the context is down.
 
     Returns
     -------
@@ -87,12 +95,14 @@ def main(
         Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
     """
     made: list[Node | Nodes] = []
-    begun, making = False, True
+    begun, making, told = False, True, False
+    handlers = SignalHandlerOptions.NO if last_word else None
 
     def interrupt(*_: object) -> None:
         # rclpy's own handler, which calls this one, shuts the context down and so ends the
         # loop; an exception from here would land anywhere, also in the executor's C++.
-        nonlocal making
+        nonlocal making, told
+        told = True
         if making:
             making = False  # a second signal must not interrupt how the first one is handled
             raise KeyboardInterrupt
@@ -101,11 +111,11 @@ def main(
         signal.signal(number, interrupt)
     try:
         given = sys.argv if arguments is None else arguments
-        rclpy.init(args=without_files(given))
+        rclpy.init(args=without_files(given), signal_handler_options=handlers)
         begun = True
         made.append(make(given))
         making = False
-        spin(made[0])
+        spin(made[0], lambda: told and last_word)
     except KeyboardInterrupt:
         return 0
     except InputError as error:
@@ -132,8 +142,8 @@ def _nodes(made: Node | Nodes) -> Sequence[Node]:
     return [made] if isinstance(made, Node) else made.nodes
 
 
-def spin(made: Node | Nodes) -> None:
-    """Handle events until the context is shut down.
+def spin(made: Node | Nodes, told: Callable[[], bool] = lambda: False) -> None:
+    """Handle events until the context is shut down, or `told` to end.
 
     Raises
     ------
@@ -149,7 +159,7 @@ def spin(made: Node | Nodes) -> None:
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
     context = nodes[0].context
     try:
-        while context.ok():
+        while context.ok() and not told():
             busy = pump is not None and pump()
             _spin_once(loop, nodes, 0.0005 if busy else 0.25)
             for node in nodes:

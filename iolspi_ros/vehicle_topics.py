@@ -100,6 +100,8 @@ class TaskListener:
         Takes the first description; an InputError that it raises is one of the node's.
     on_conflict : callable
         Takes words for people: another description contradicts the first, or is none.
+    prefix : str
+        Before the name of the topic.
     """
 
     def __init__(
@@ -107,10 +109,11 @@ class TaskListener:
         node: Node,
         on_task: Callable[[TaskDescription], None],
         on_conflict: Callable[[str], None],
+        prefix: str = "",
     ) -> None:
         self._node, self._on_task, self._on_conflict = node, on_task, on_conflict
         self.task: TaskDescription | None = None
-        self._subscription = node.create_subscription(String, "task", self._hear, qos.TASK)
+        self._subscription = node.create_subscription(String, f"{prefix}task", self._hear, qos.TASK)
 
     @property
     def topic(self) -> str:

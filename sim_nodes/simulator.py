@@ -22,14 +22,16 @@ from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
-from sim_nodes.world import World, WorldSettings
+from sim_nodes.world import WorldSettings, make_world
 
 
 @dataclass(frozen=True)
 class TaskChoice(Settings):
     """Which vehicle it is."""
 
-    task: str = setting("pendulum", "a registered task, or module:Class")
+    task: str = setting(
+        "pendulum", "a registered task, module:Class, gymnasium:ID, or a file about one"
+    )
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ class Simulator(ManagedNode):
             parameters.read(self, self._task_class) if self._task_settings else self._task_class()
         )
         world = parameters.read(self, WorldSettings)
-        self.world = World(task, world, np.random.default_rng([self.settings.seed, 0]))
+        self.world = make_world(task, world, np.random.default_rng([self.settings.seed, 0]))
         self._stamp_step = round(self.task.sampling_time * wire.NANOSECONDS)
         self._begun = 0
         self._done = False

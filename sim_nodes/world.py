@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
-from sim_nodes.tasks.base import Task
+from sim_nodes.tasks.base import Stateful, Task
 
 Array = NDArray[np.float64]
 
@@ -98,15 +98,15 @@ class World:
         self.settings = settings
         self.rng = rng
         self.vehicle_steps = 0
-        self._starts = task.initial_states()
-        noise, n_dims = settings.sensor_noise, self._starts.shape[1]
+        noise, n_dims = settings.sensor_noise, task.description.n_dims
         if len(noise) not in (1, n_dims):
             raise InputError(f"sensor_noise has {len(noise)} entries; allowed: 1 or {n_dims}")
         sensor = np.broadcast_to(np.array(noise, float), (n_dims,)).copy()
         self.noise = Noise(
             settings.action_noise, settings.uniform_noise, bool(sensor.any()), sensor
         )
-        self.state = self._starts[0]
+        self._starts = self._all_starts()
+        self.state = np.empty(n_dims)
         self._episodes_started = 0
         self._step = 0
 
@@ -117,10 +117,8 @@ class World:
 
     def begin(self, episode: int) -> Observation:
         """Put the vehicle at an initial condition."""
-        if self.settings.order == "sweep":
-            self.state = self._starts[self._episodes_started % len(self._starts)]
-        else:
-            self.state = self.task.draw_initial(self.rng)
+        number = self._episodes_started if self.settings.order == "sweep" else None
+        self.state = self._start(number)
         self._episodes_started += 1
         self._step = 0
         return Observation(episode, 0, self._measured())
@@ -130,14 +128,28 @@ class World:
         noise = 0.0
         if self.noise.action or self.noise.uniform:
             noise = action_noise.py_func(self.noise, self.rng)
-        self.state, reward, terminated = self.task.step(
-            self.state, action, self.vehicle_time, noise
-        )
+        self.state, reward, ended, cut = self._advance(action, noise)
         self._step += 1
         self.vehicle_steps += 1
-        ended = bool(terminated)
-        cut = not ended and self._step >= self.task.description.episode_steps
-        return Observation(episode, self._step, self._measured(), float(reward), action, ended, cut)
+        cut = not ended and (cut or self._step >= self.task.description.episode_steps)
+        return Observation(episode, self._step, self._measured(), reward, action, ended, cut)
+
+    def close(self) -> None:
+        """Let go of what the vehicle holds."""
+
+    def _all_starts(self) -> Any:
+        return self.task.initial_states()
+
+    def _start(self, number: int | None) -> Array:
+        """The initial condition with a number, or one at random."""
+        if number is None:
+            return self.task.draw_initial(self.rng)
+        return self._starts[number % len(self._starts)]
+
+    def _advance(self, action: int, noise: float) -> tuple[Array, float, bool, bool]:
+        """Next state, reward, whether the task ended, and whether the vehicle cut the episode."""
+        after, reward, ended = self.task.step(self.state, action, self.vehicle_time, noise)
+        return after, float(reward), bool(ended), False
 
     def flown(self, state: Array, steps: int) -> None:
         """Take over a stretch that was computed elsewhere, and where it led."""
@@ -151,3 +163,43 @@ class World:
         seen = self.state.copy()
         blur.py_func(self.noise, self.rng, seen)
         return seen
+
+
+class StatefulWorld(World):
+    """The same with a vehicle that keeps its state to itself.
+
+    Parameters
+    ----------
+    vehicle : Stateful
+    settings : WorldSettings
+    rng : numpy.random.Generator
+        Draws the seeds of episodes, and noise.
+    """
+
+    def __init__(
+        self, vehicle: Stateful, settings: WorldSettings, rng: np.random.Generator
+    ) -> None:
+        self._vehicle = vehicle
+        known_by: Any = vehicle  # a task's description, and what it may have besides
+        super().__init__(known_by, settings, rng)
+
+    def close(self) -> None:
+        """Let go of what the vehicle holds."""
+        self._vehicle.close()
+
+    def _all_starts(self) -> Any:
+        return range(self._vehicle.starts)
+
+    def _start(self, number: int | None) -> Array:
+        seed = int(self.rng.integers(2**31)) if number is None else number % len(self._starts)
+        return self._vehicle.begin(seed)
+
+    def _advance(self, action: int, noise: float) -> tuple[Array, float, bool, bool]:
+        return self._vehicle.advance(action, noise)
+
+
+def make_world(vehicle: Any, settings: WorldSettings, rng: np.random.Generator) -> World:
+    """The world of a `Task`, or of a `Stateful` vehicle."""
+    if isinstance(vehicle, Stateful):
+        return StatefulWorld(vehicle, settings, rng)
+    return World(vehicle, settings, rng)

@@ -24,12 +24,14 @@ ROOMS = {
     "tasks": ("sim_nodes.tasks", "sim_nodes.pilots", "sim_nodes.world", "sim_nodes.pictures"),
     "wire": ("iolspi_ros.wire", "iolspi_ros.cdr", "iolspi_ros.pairing", "iolspi_ros.bags"),
     "ros": ("iolspi_ros.qos", "iolspi_ros.parameters", "iolspi_ros.runtime", "iolspi_ros.managed",
-            "iolspi_ros.vehicle_topics"),
+            "iolspi_ros.vehicle_topics", "iolspi_ros.unheard"),
     "frames": ("msg_bridge.frames",),
     "autopilot": ("sim_nodes.autopilot",),
     "simulator": ("sim_nodes.simulator", "sim_nodes.markers"),
     "nodes": ("iolspi_ros.nodes",),
     "bridge": ("msg_bridge.mavlink",),
+    "robot": ("msg_bridge.ros",),
+    "environment": ("msg_bridge.gym",),
     "graph": ("iolspi_ros.graph",),
     "experiments": ("iolspi_ros.experiments",),
     "report": ("iolspi_ros.report",),
@@ -50,17 +52,20 @@ BELOW = {
     "simulator": {"ground", "task", "core", "files", "tasks", "wire", "ros"},
     "nodes": {"ground", "task", "core", "files", "tasks", "wire", "ros", "simulator"},
     "bridge": {"ground", "task", "core", "files", "tasks", "wire", "ros", "frames"},
+    "robot": {"ground", "task", "core", "files", "wire", "ros"},
+    "environment": {"ground", "task", "core", "files", "wire", "ros", "graph"},
     "graph": {"ground", "files", "nodes"},
     "experiments": {"ground", "task", "core", "files", "tasks", "wire"},
     "report": {"ground", "task", "core", "files", "tasks", "wire", "experiments"},
 }
 BELOW["bench"] = {"bench", *BELOW["report"], "report", "ros", "frames", "autopilot", "bridge",
-                  "simulator", "nodes", "graph"}  # fmt: skip
+                  "simulator", "nodes", "graph", "robot"}  # fmt: skip
 BELOW["cli"] = {*BELOW["bench"], "bench"}
 
 EXCEPTIONS = {
     # module: what it alone may import from a room beside or above its own, and why
     "iolspi_ros.nodes.monitor": {"iolspi_ros.experiments.history"},  # what a report needs
+    "msg_bridge.ros.node": {"iolspi_ros.nodes.reports"},  # how /diagnostics are written
 }
 
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs",

@@ -49,7 +49,7 @@ class Boat(Settings):
         success="stay afloat",
         map_variables=("offset", "heading"),
     )
-    usual_episodes = 60
+    usual_episodes = 150
 
     def step(self, state: Any, action: Any, time: float = 0.0, noise: Any = 0.0) -> Any:
         """One sampling time; the reward is a cost of the distance from the middle."""

@@ -7,6 +7,7 @@ from iolspi_ros.bags.demonstration import (
     read_demonstration,
 )
 from iolspi_ros.bags.reader import Damage, Record, deserialise, records
+from iolspi_ros.bags.selection import Selection, select
 from iolspi_ros.bags.writer import BagWriter, compact
 
 __all__ = [
@@ -15,11 +16,13 @@ __all__ = [
     "Damage",
     "Demonstration",
     "Record",
+    "Selection",
     "compact",
     "deserialise",
     "numbered_through",
     "read_card",
     "read_demonstration",
     "records",
+    "select",
     "write_card",
 ]

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from backports import zstd  # rosbags needs it too
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import Reader
 from rosbags.serde import SerdeError
 
 from iolspi_ros.bags.typestore import types
 from iolspi_ros.bags.writer import METADATA
 from iolspi_ros.errors import InputError
+
+ZSTD = ".zstd"
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 class Record(NamedTuple):
@@ -36,12 +43,12 @@ class Damage:
 
 
 def records(path: Path, damage: Damage) -> Iterator[Record]:
-    """Every message of a bag that can be read, in the order of the file.
+    """Every message of a bag that can be read, file after file, in the order of each.
 
     Parameters
     ----------
     path : Path
-        A rosbag2 directory, with MCAP or sqlite3 storage, or one such file.
+        A rosbag2 directory, with MCAP or sqlite3 storage, or one such file; compressed or not.
     damage : Damage
         Filled with what could not be read.
 
@@ -52,33 +59,61 @@ def records(path: Path, damage: Damage) -> Iterator[Record]:
     """
     if not path.exists():
         raise InputError(f"bag {path} does not exist; allowed: a rosbag2 directory")
-    files = [path] if path.is_file() else sorted([*path.glob("*.mcap"), *path.glob("*.db3*")])
+    files = [path] if path.is_file() else bag_files(path)
     if not files:
         raise InputError(f"{path} holds no .mcap and no .db3 file; allowed: a rosbag2 directory")
-    if path.is_dir() and (path / METADATA).is_file():
-        whole = _whole(path)
-        if whole is not None:
-            yield from whole
-            return
     for file in files:
-        yield from (
-            _recover_mcap(file, damage) if file.suffix == ".mcap" else _recover_db3(file, damage)
-        )
+        with _uncompressed(file, damage) as plain:
+            if plain.suffix == ".mcap":
+                yield from _read_mcap(plain, file.name, damage)
+            else:
+                yield from _read_db3(plain, file, damage)
 
 
-def _whole(path: Path) -> list[Record] | None:
-    """All messages of a bag that was closed properly; None when it was not."""
-    try:
-        with Reader(path) as reader:
-            return [
-                Record(connection.topic, connection.msgtype, time, bytes(data))
-                for connection, time, data in reader.messages()
-            ]
-    except Exception:  # whatever a damaged bag raises there, what is readable is recovered
-        return None
+def bag_files(folder: Path) -> list[Path]:
+    """Files of a bag in their natural order: 2 comes before 10."""
+    kinds = (".mcap", ".db3", *(f"{kind}{ZSTD}" for kind in (".mcap", ".db3")))
+    found = [path for path in folder.iterdir() if path.name.endswith(kinds)]
+    plain = {path.name for path in found}
+    return sorted(
+        (path for path in found if path.name.removesuffix(ZSTD) not in plain - {path.name}),
+        key=_natural,
+    )
 
 
-def _recover_mcap(path: Path, damage: Damage) -> Iterator[Record]:
+def _natural(path: Path) -> list[tuple[int, str]]:
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+@contextmanager
+def _uncompressed(path: Path, damage: Damage) -> Iterator[Path]:
+    """A file as it was before it was compressed, as far as it can be had; sqlite's with its log."""
+    beside = path.with_name(f"{path.name}-wal")
+    if path.suffix != ZSTD and not beside.is_file():
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="iolspi-bag-") as folder:
+        plain = Path(folder, path.name.removesuffix(ZSTD))
+        if path.suffix != ZSTD:  # what is not yet in the file itself is in its log
+            shutil.copy(path, plain)
+            shutil.copy(beside, plain.with_name(f"{plain.name}-wal"))
+        else:
+            _decompress(path, plain, damage)
+        yield plain
+
+
+def _decompress(path: Path, plain: Path, damage: Damage) -> None:
+    with plain.open("wb") as out:
+        try:
+            with zstd.open(path, "rb") as compressed:
+                while part := compressed.read(2**20):
+                    out.write(part)
+        except (zstd.ZstdError, EOFError, OSError) as error:
+            damage.notes.append(f"{path.name} is damaged: {error}")
+
+
+def _read_mcap(path: Path, name: str, damage: Damage) -> Iterator[Record]:
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
     size, good, closed = path.stat().st_size, 0, False
@@ -93,36 +128,48 @@ def _recover_mcap(path: Path, damage: Damage) -> Iterator[Record]:
                 elif isinstance(record, Message) and record.channel_id in channels:
                     channel = channels[record.channel_id]
                     kind = schemas.get(channel.schema_id, "")
-                    yield Record(channel.topic, kind, record.log_time, record.data)
+                    yield Record(channel.topic, kind, record.log_time, _message(record.data))
             closed = True
         except (McapError, EOFError, ValueError, OverflowError, MemoryError):
             pass
         except Exception as error:  # struct, zstd and lz4 have errors of their own
-            damage.notes.append(f"{path.name}: {type(error).__name__} while reading")
+            damage.notes.append(f"{name}: {type(error).__name__} while reading")
     if not closed:
         lost = size - good
         rest = f"its last {lost} of {size} bytes are no complete message"
         if not lost:
             rest = "all that is on disk is readable"
-        damage.notes.append(f"{path.name} was cut off: it was not closed, and {rest}")
+        damage.notes.append(f"{name} was cut off: it was not closed, and {rest}")
 
 
-def _recover_db3(path: Path, damage: Damage) -> Iterator[Record]:
+def _read_db3(path: Path, origin: Path, damage: Damage) -> Iterator[Record]:
     query = (
         "SELECT topics.name, topics.type, messages.timestamp, messages.data FROM messages "
         "JOIN topics ON messages.topic_id = topics.id ORDER BY messages.id"
     )
+    mode = "ro" if path == origin else "rw"  # a copy of ours: its log is to be taken in
     try:
-        connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
+        connection = sqlite3.connect(f"file:{path}?mode={mode}", uri=True)
         try:
-            for row in connection.execute(query):
-                yield Record(*row)
+            for topic, kind, time, data in connection.execute(query):
+                yield Record(topic, kind, time, _message(data))
         finally:
             connection.close()
     except sqlite3.Error as error:
-        damage.notes.append(f"{path.name} is damaged: {error}")
+        damage.notes.append(f"{origin.name} is damaged: {error}")
     else:
-        damage.notes.append(f"{path.name} was not closed: it has no {METADATA}")
+        if not (origin.parent / METADATA).is_file():
+            damage.notes.append(f"{origin.name} was not closed: it has no {METADATA}")
+
+
+def _message(data: bytes) -> bytes:
+    """A message as it was before it was compressed by itself, if it was."""
+    if not data.startswith(_ZSTD_MAGIC):
+        return data
+    try:
+        return zstd.decompress(data)
+    except zstd.ZstdError:
+        return data  # nobody can read it, and who reads it says so
 
 
 def deserialise(record: Record) -> Any:

@@ -42,8 +42,10 @@ def main() -> int:
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
         demo,
+        demos,
         fly,
         learn,
+        new_task,
         record,
         reproduce,
         run,

@@ -12,9 +12,11 @@ import typer
 from iolspi_ros.cli import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.progress import bar, baseline, console
+from iolspi_ros.cli.selecting import RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
 
 if TYPE_CHECKING:
+    from iolspi_ros.bags import Selection
     from iolspi_ros.core.learner import Learner
     from iolspi_ros.core.samples import Transitions
     from iolspi_ros.experiments.history import History
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     epilog="Example: iolspi learn --task pendulum --demos demos/pendulum/set_5 --out out/learn"
 )
 def learn(
-    task: Annotated[str, typer.Option(help="A registered task, or module:Class.")] = "pendulum",
+    task: Annotated[str, typer.Option(help=TASK)] = "pendulum",
     learner: Annotated[
         str, typer.Option(help="A registered learner, or module:Class; else what the file says.")
     ] = "",
@@ -33,6 +35,9 @@ def learn(
         Optional[list[Path]],
         typer.Option(help="Bag to learn from first; give it again for more bags."),
     ] = None,
+    vehicle: VEHICLE = "",
+    run: RUN = 0,
+    topics: TOPICS = None,
     seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
     episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the vehicle and the learner.")] = 0,
@@ -46,6 +51,7 @@ def learn(
 ) -> None:
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
     from iolspi_ros import resources
+    from iolspi_ros.bags import select
     from iolspi_ros.core import checkpoint
     from iolspi_ros.experiments.headless import prepare, remember, train, train_beside
     from iolspi_ros.experiments.history import History
@@ -54,12 +60,14 @@ def learn(
     start = time.monotonic()
     file = config or resources.config(task)
     world, core, name = prepare(task, file, seed, learner)
-    vehicle, about = world.task, world.task.description
-    count = episodes_to_fly(vehicle, seconds, episodes, 0)
+    model, about = world.task, world.task.description
+    count = episodes_to_fly(model, seconds, episodes, 0)
     if not demos:
         _check_enough(count, core, about)
     resources.make_folder(out)
-    history = History(about.sampling_time, _demonstrated(about, demos or []))
+    history = History(
+        about.sampling_time, _demonstrated(about, demos or [], select(vehicle, run, topics or []))
+    )
     if demos:
         _pretrain(core, history)
     interrupted = False
@@ -79,7 +87,7 @@ def learn(
         )
     extra = {"learner": name, "wall_seconds": round(time.monotonic() - start, 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
-    subject = report.Subject(vehicle, core, history, baseline(vehicle))
+    subject = report.Subject(model, core, history, baseline(model))
     with console.status("flying another learner beside, drawing …"):
         beside = train_beside(task, file, seed, history.demonstrations, len(history.scores))
         title = f"Learning the {about.name.replace('_', ' ')}"
@@ -101,12 +109,12 @@ def _check_enough(count: int, learner: Learner, task: TaskDescription) -> None:
         )
 
 
-def _demonstrated(task: TaskDescription, demos: list[Path]) -> Transitions:
+def _demonstrated(task: TaskDescription, demos: list[Path], selection: Selection) -> Transitions:
     """What all bags hold together."""
     from iolspi_ros.bags import numbered_through, read_demonstration
     from iolspi_ros.core.samples import Transitions
 
-    found = [read_demonstration(path, task) for path in demos]
+    found = [read_demonstration(path, task, selection) for path in demos]
     for demonstration in found:
         for note in demonstration.notes:
             console.print(f"{demonstration.path}: {note}; the rest is used")

@@ -31,22 +31,23 @@ def record(
     from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import task_class
+    from sim_nodes.tasks.base import n_starts
 
     vehicle = task_class(task)()
     if demonstration is not None:
         mode, corruption = mode_and_corruption(demonstration)
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
-    config = resources.find("config", f"{task}.yaml")
+    config = resources.config(task)
     graph.isolate()
     logs = Path(tempfile.mkdtemp(prefix="iolspi-record-"))
     wanted = {
         "seed": seed, "source": "scripted", "mode": mode, "corruption": corruption,
-        "record": str(out.resolve()), "episodes": len(vehicle.initial_states()),
+        "record": str(out.resolve()), "episodes": n_starts(vehicle), "model": task,
     }  # fmt: skip
     try:
         with watching(vehicle.description) as monitor, graph.Graph(logs) as nodes:
-            nodes.start("simulator", {"seed": seed, "order": "sweep"}, config)
+            nodes.start("simulator", {"task": task, "seed": seed, "order": "sweep"}, config)
             nodes.start("demonstrator", wanted, config)
             _wait(nodes, monitor, vehicle, out)
     finally:
@@ -59,9 +60,10 @@ def record(
 def _wait(nodes: Any, monitor: Any, vehicle: Any, out: Path) -> None:
     """Until the demonstrator has written its card, which it does last."""
     from iolspi_ros.bags import CARD
+    from sim_nodes.tasks.base import n_starts
 
     monitor.listen_to_samples()
-    total = len(vehicle.initial_states())
+    total = n_starts(vehicle)
     with bar("recording [episodes]", total) as show:
 
         def ready() -> bool:

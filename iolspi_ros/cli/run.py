@@ -22,7 +22,8 @@ def run(
     task: Annotated[
         Optional[str],
         typer.Option(
-            help="A registered task, or module:Class; with parameters of config/TASK.yaml."
+            help="A registered task, module:Class, gymnasium:ID or a file (of vehicle: a robot's); "
+            "with parameters of config/TASK.yaml."
         ),
     ] = None,
 ) -> None:
@@ -43,8 +44,11 @@ def run(
         )
     first: list[str] = []
     if task is not None:
-        task_class(task)  # says which there are
         first = ["--ros-args"]
+        if node != "vehicle":
+            task_class(task)  # says which there are
+        else:
+            first += ["-p", f"vehicle:task:={task}"]
         if file := resources.config(task):
             first += ["--params-file", str(file)]
         if node in ("simulator", "graph"):

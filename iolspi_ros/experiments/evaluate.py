@@ -18,8 +18,9 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache
 from iolspi_ros.experiments.compiled import CompiledTask, fly_greedily
 from iolspi_ros.experiments.history import EpisodeRecord
+from iolspi_ros.experiments.together import fly_together
 from iolspi_ros.task import TaskDescription
-from sim_nodes.tasks.base import Compiled, Judging, Reference, Task
+from sim_nodes.tasks.base import Compiled, Judging, Reference, Stateful, Task
 
 Array = NDArray[np.float64]
 Policy = Callable[[Array], NDArray[np.int64]]
@@ -86,6 +87,8 @@ def evaluate(task: Task, policy: Policy, time: float = 0.0) -> Evaluation:
     -------
     Evaluation
     """
+    if isinstance(task, Stateful):
+        return _graded(task, *fly_together(task, policy))
     about, state = task.description, task.initial_states()
     alive = np.ones(len(state), bool)
     states, actions, rewards = [state], [], []

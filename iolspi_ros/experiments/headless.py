@@ -24,6 +24,7 @@ from iolspi_ros.experiments.compiled import CompiledTask, Training, fly
 from iolspi_ros.experiments.history import EpisodeRecord, History, PolicyRecord
 from iolspi_ros.settings import from_mapping
 from iolspi_ros.task import TaskDescription
+from sim_nodes import world as worlds
 from sim_nodes.tasks import make_task
 from sim_nodes.tasks.base import Compiled
 from sim_nodes.world import World, WorldSettings
@@ -58,7 +59,7 @@ def make_world(task: str, file: Path | None, seed: int) -> World:
     simulated = resources.parameters(file, "simulator") if file else {}
     noise = from_mapping(WorldSettings, simulated, str(file))
     vehicle = make_task(task, simulated, str(file))
-    return World(vehicle, noise, np.random.default_rng([seed, 0]))
+    return worlds.make_world(vehicle, noise, np.random.default_rng([seed, 0]))
 
 
 def make_learner(

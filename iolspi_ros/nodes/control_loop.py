@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, runtime, wire
@@ -14,7 +15,9 @@ from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.task import TaskDescription
+from iolspi_ros.unheard import unheard
 
+TASK = "std_msgs/msg/String"
 RESTARTED = 20
 """Observations in a row, all older than the newest, after which they are another run's."""
 
@@ -60,6 +63,8 @@ class ControlLoop:
         Seconds from `start` to the first state, after which to give up; 0 for never.
     local : bool
         The vehicle is in this process: it hands its observations to `respond`.
+    prefix : str
+        Before the names of the vehicle's topics.
     """
 
     def __init__(
@@ -70,12 +75,13 @@ class ControlLoop:
         timeout: float,
         *,
         local: bool = False,
+        prefix: str = "",
     ) -> None:
         self._node, self._task, self._controller = node, task, controller
         self._timeout = timeout
         self._pairer = Pairer(task)
         self._rows = wire.Rows("action", wire.ACTION)
-        self._out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
+        self._out = node.create_publisher(Float64MultiArray, f"{prefix}action", qos.OUTGOING)
         self._newest = (-1, -1)
         self._older = 0
         self._answer = b""
@@ -89,8 +95,8 @@ class ControlLoop:
             ()
             if local
             else (
-                (wire.states(task).type, "state", self._receive_state),
-                (Float64MultiArray, "reward", self._receive_reward),
+                (wire.states(task).type, f"{prefix}state", self._receive_state),
+                (Float64MultiArray, f"{prefix}reward", self._receive_reward),
             )
         )
         self._heard_on = [
@@ -197,11 +203,16 @@ class ControlLoop:
         self._watch.cancel()
         if not self._heard:
             topic = self._node.resolve_topic_name("state")
-            self._node.fail(no_vehicle(topic, self._timeout))
+            self._node.fail(no_vehicle(self._node, topic, self._timeout))
 
 
-def no_vehicle(topic: str, timeout: float) -> InputError:
-    """Nobody is heard on a topic where a vehicle should be."""
+def no_vehicle(
+    node: Any, topic: str, timeout: float, kind: str = "", profile: QoSProfile = qos.CONTROL
+) -> InputError:
+    """Nobody is heard on a topic where a vehicle should be, or what keeps it from being heard."""
+    why = unheard(node, topic, kind, profile)
+    if why:
+        return InputError(f"no vehicle: {why}; allowed: what docs/interfaces.md says of {topic}")
     return InputError(
         f"no vehicle: nothing on {topic} for {timeout:g} s; start a simulator in the same "
         "ROS_DOMAIN_ID and namespace, or set the parameter vehicle_timeout to 0.0 to wait for ever"

@@ -18,7 +18,7 @@ from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.control_loop import no_vehicle
+from iolspi_ros.nodes.control_loop import TASK, no_vehicle
 from iolspi_ros.nodes.joystick import JoystickSettings
 from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
 from iolspi_ros.nodes.teleop import Teleop, TeleopSettings
@@ -149,7 +149,8 @@ class Demonstrator(ManagedNode):
     def _check_vehicle(self) -> None:
         self._watch.cancel()
         if self._work is None and self.active:
-            self.fail(no_vehicle(self._listener.topic, self._teleop_settings.vehicle_timeout))
+            timeout = self._teleop_settings.vehicle_timeout
+            self.fail(no_vehicle(self, self._listener.topic, timeout, TASK, qos.TASK))
 
     # ------------------------------------------------------------ what demonstrates calls these
 

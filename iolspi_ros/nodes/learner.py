@@ -20,8 +20,9 @@ from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_cl
 from iolspi_ros.core.samples import Observation, Transition, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.control_loop import ControlLoop, no_vehicle
+from iolspi_ros.nodes.control_loop import TASK, no_vehicle
 from iolspi_ros.nodes.demonstrations import Demonstrations
+from iolspi_ros.nodes.fleet import Fleet
 from iolspi_ros.nodes.reports import Reports, diagnostics
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
@@ -36,6 +37,9 @@ class NodeSettings(Settings):
     seed: int = setting(0, "of first weights, exploration and ties", low=0)
     wait_for_demonstrations: bool = setting(
         True, "wait for a demonstration and learn from it before acting"
+    )
+    other_vehicles: tuple[str, ...] = setting(
+        ("",), "namespaces of more vehicles of the same task, to fly and learn from besides"
     )
     background: bool = setting(
         False, "solve beside the control thread (real time) instead of inline (lockstep)"
@@ -179,7 +183,9 @@ class LearnerNode(ManagedNode):
             self._saved = path
             self.get_logger().info(f"resumed from {path} at step {core.step}")
         self._demonstrations = Demonstrations(task)
-        self._loop = ControlLoop(self, task, self, s.vehicle_timeout, local=self._local)
+        self._loop = Fleet(
+            self, task, self, s.vehicle_timeout, local=self._local, others=s.other_vehicles
+        )
         self._reports = Reports(self, core)
         self._reports.weights()
         self._subscriptions_of_demonstrations = [
@@ -207,7 +213,8 @@ class LearnerNode(ManagedNode):
     def _check_vehicle(self) -> None:
         self._watch.cancel()
         if self.core is None and self.active:
-            self.fail(no_vehicle(self._task.topic, self.settings.vehicle_timeout))
+            timeout = self.settings.vehicle_timeout
+            self.fail(no_vehicle(self, self._task.topic, timeout, TASK, qos.TASK))
 
     def _act_if_ready(self) -> None:
         if self.active and self._ready and not self._conflict and self._pretraining is None:
@@ -403,6 +410,7 @@ class LearnerNode(ManagedNode):
                 "task": self.core.task.name,
                 "demonstrated samples": len(self._demonstrations),
                 "messages ignored": self._loop.invalid,
+                **{f"samples of {name}": count for name, count in self._loop.counts.items()},
             }
             condition, worry = self._reports.condition()
             values |= condition

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from iolspi_ros import runtime, wire
-from iolspi_ros.bags import numbered_through, read_demonstration
+from iolspi_ros.bags import numbered_through, read_demonstration, select
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.samples_out import SamplesOut
@@ -23,6 +23,11 @@ class PlayerSettings(Settings):
     """What is replayed, and how fast."""
 
     bags: tuple[str, ...] = setting(("",), "bags to replay, one after the other")
+    bag_vehicle: str = setting("", "replay: namespace of the vehicle, where a bag has several")
+    bag_run: int = setting(0, "replay: run, from 1, where a bag has several", low=0)
+    bag_topics: tuple[str, ...] = setting(
+        ("",), "replay: topics that are called otherwise, as state:=/joint_states"
+    )
     rate: float = setting(
         0.0, "replay at so many times the recorded speed; 0.0 for as fast as it goes",
         low=0.0, high=1e6,
@@ -122,7 +127,8 @@ def check_bags(settings: PlayerSettings) -> list[Path]:
 
 
 def _read(node: SamplesOut, settings: PlayerSettings) -> list[Sample]:
-    demonstrations = [read_demonstration(path, node.task) for path in check_bags(settings)]
+    chosen = select(settings.bag_vehicle, settings.bag_run, settings.bag_topics)
+    demonstrations = [read_demonstration(path, node.task, chosen) for path in check_bags(settings)]
     for demonstration in demonstrations:
         n, path = len(demonstration.samples), demonstration.path
         for note in demonstration.notes:

@@ -15,6 +15,7 @@ NODES = {
     "demonstrator": "iolspi_ros.nodes.demonstrator",
     "learner": "iolspi_ros.nodes.learner",
     "bridge": "msg_bridge.mavlink.node",
+    "vehicle": "msg_bridge.ros.node",
     "graph": "iolspi_ros.nodes.composition",
 }
 
@@ -60,6 +61,11 @@ def learner() -> int:
 def bridge() -> int:
     """Run the bridge."""
     return start("bridge")
+
+
+def vehicle() -> int:
+    """Run a robot's own topics as a vehicle."""
+    return start("vehicle")
 
 
 def graph() -> int:

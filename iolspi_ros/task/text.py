@@ -58,18 +58,39 @@ def load(text: str, where: str) -> TaskDescription:
     InputError
         Naming the place, the field, its value and what is allowed.
     """
-    if len(text) > LARGEST:
-        raise InputError(f"{where} has {len(text)} characters; allowed: at most {LARGEST}")
-    try:
-        content = _parse(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{where} is no YAML: {reason}") from None
+    return make(plain(text, where), where)
+
+
+def make(content: Any, where: str) -> TaskDescription:
+    """The description that plain values, as of YAML, make.
+
+    Raises
+    ------
+    InputError
+        Naming the place, the field, its value and what is allowed.
+    """
     try:
         description: TaskDescription = _make(TaskDescription, content, "the task")
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     return description
+
+
+def plain(text: str, where: str) -> Any:
+    """What a YAML or JSON text holds, if it is of a reasonable size.
+
+    Raises
+    ------
+    InputError
+        When it is neither.
+    """
+    if len(text) > LARGEST:
+        raise InputError(f"{where} has {len(text)} characters; allowed: at most {LARGEST}")
+    try:
+        return _parse(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{where} is no YAML: {reason}") from None
 
 
 def read(path: Path) -> TaskDescription:
@@ -80,12 +101,23 @@ def read(path: Path) -> TaskDescription:
     InputError
         When it cannot be read, or is none.
     """
+    return make(read_plain(path), str(path))
+
+
+def read_plain(path: Path) -> Any:
+    """What a YAML or JSON file holds.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or is neither.
+    """
     try:
         with path.open(encoding="utf-8") as file:
             text = file.read(LARGEST + 1)
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}; allowed: a task description") from None
-    return load(text, str(path))
+        raise InputError(f"{path} cannot be read: {error}; allowed: a YAML file") from None
+    return plain(text, str(path))
 
 
 def _parse(text: str) -> Any:

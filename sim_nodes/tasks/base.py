@@ -77,6 +77,49 @@ class Task(Protocol):
 
 
 @runtime_checkable
+class Stateful(Protocol):
+    """A vehicle that keeps its state to itself, as an environment of Gymnasium does.
+
+    It has these members in place of `step`, `initial_states` and `draw_initial` of a `Task`, and
+    may have what a task may have besides. All that happens in an episode follows from its seed
+    and the actions.
+
+    Attributes
+    ----------
+    description : TaskDescription
+    starts : int
+        Policies are judged from the seeds 0, 1, … below it.
+    """
+
+    description: TaskDescription
+    starts: int
+
+    def fresh(self) -> Stateful:
+        """Another of the kind, which lives a life of its own."""
+        ...
+
+    def begin(self, seed: int) -> Array:
+        """The first state, shape (n_dims,), of the episode that a seed makes."""
+        ...
+
+    def advance(self, action: int, noise: float = 0.0) -> tuple[Array, float, bool, bool]:
+        """Hold an action, with noise added to it, for one sampling time.
+
+        Returns
+        -------
+        next_state : ndarray of shape (n_dims,)
+        reward : float
+        terminated, truncated : bool
+            Whether the task ended there; whether something else cut the episode.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of what it holds."""
+        ...
+
+
+@runtime_checkable
 class Compiled(Protocol):
     """A task with compiled dynamics.
 
@@ -127,6 +170,13 @@ class Judging(Protocol):
         ndarray of bool, shape (n,)
         """
         ...
+
+
+def n_starts(vehicle: Any) -> int:
+    """From how many starts policies of a `Task` or a `Stateful` vehicle are judged."""
+    if isinstance(vehicle, Stateful):
+        return vehicle.starts
+    return len(vehicle.initial_states())
 
 
 def advance(

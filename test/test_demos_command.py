@@ -1,0 +1,179 @@
+"""`iolspi demos` and `iolspi new-task`, as a user types them."""
+
+import csv
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from test_any_bag import TASK, flight, samples, write
+
+from iolspi_ros import bags, cli
+from iolspi_ros.bags.survey import oddities
+from iolspi_ros.experiments.headless import Listener, prepare, train
+from iolspi_ros.resources import find
+from iolspi_ros.task import load
+from msg_bridge.ros.description import read_robot
+
+SET_1 = str(find("demos", "pendulum", "set_1"))
+
+
+@pytest.fixture
+def iolspi(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["iolspi", *map(str, arguments)])
+        try:
+            status = cli.main()
+        except SystemExit as end:
+            status = end.code or 0
+        said = capsys.readouterr()
+        return status, " ".join((said.out + said.err).split())
+
+    return run
+
+
+def test_bags_are_listed_and_told(iolspi):
+    status, said = iolspi("demos", "list", find("demos"))
+    assert status == 0
+    assert said.count("6300 samples of pendulum") == 5
+    status, said = iolspi("demos", "info", SET_1)
+    assert status == 0
+    assert "vehicle / run 1 (6300 samples of 21 episodes); 0 ended by the task, 21 by" in said
+
+
+def test_a_good_bag_passes_the_check(iolspi):
+    status, said = iolspi("demos", "check", SET_1)
+    assert status == 0
+    assert "6300 samples of pendulum" in said
+
+
+def odd(tmp_path, change):
+    """What is said of 300 samples, each changed by a function of its entries."""
+
+    def messages():
+        rng = np.random.default_rng(0)
+        for topic, kind, time, message in samples(1, 300):
+            names = message.layout.dim[0].label.split(",")
+            entries = dict(zip(names, message.data.tolist(), strict=True))
+            entries |= {"reward": -rng.random(), "shaft.velocity": rng.uniform(-40, 40),
+                        "truncated": float(entries["step"] == 299)}  # fmt: skip
+            change(entries)
+            message.data = np.array(list(entries.values()))
+            yield topic, kind, time, message
+
+    found = bags.read_demonstration(write(tmp_path / "bag", messages()), TASK)
+    return " ".join(oddities(found))
+
+
+def put(**values):
+    return lambda entries: entries.update({k.replace("__", "."): v for k, v in values.items()})
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (put(), ""),
+        (put(shaft__position=0.5), "shaft.position never moves: it is 0.5"),
+        (put(action=2), "-3 V, 0 V"),
+        (put(reward=-1.0), "every reward is -1"),
+        (put(truncated=0.0), "no episode has an end"),
+        (put(reward=np.nan), "300 of 300 samples are not usable"),
+        (lambda e: e.update({"shaft.position": 57.3 * e["shaft.position"]}), "are these degrees?"),
+        (lambda e: e.update({"shaft.velocity": e["shaft.velocity"] / 1e3}), "is the unit right?"),
+        (lambda e: e.update(nanosec=e["step"] * 1e7 % 1e9, sec=e["step"] * 1e7 // 1e9),
+         "the sampling time is 0.01 s; the task's is 0.005 s"),
+        (lambda e: e.update({"shaft.position": 0.1 + e["step"] / 1e4,
+                             "shaft.velocity": e["step"] / 100}), "of the boxes of"),
+    ],
+)  # fmt: skip
+def test_what_is_odd_is_said(tmp_path, change, says):
+    found = odd(tmp_path, change)
+    assert says in found if says else found == ""
+
+
+def test_an_odd_bag_fails_the_check(iolspi, tmp_path):
+    path = write(tmp_path / "bag", samples(1))
+    status, said = iolspi("demos", "check", path, "--task", "pendulum")
+    assert status == 1
+    assert "every reward is -1" in said
+
+
+def test_bags_are_joined_and_divided(iolspi, tmp_path):
+    one, two = write(tmp_path / "one", samples(1)), write(tmp_path / "two", flight(2))
+    both = tmp_path / "both"
+    assert iolspi("demos", "merge", one, two, "--out", both, "--task", "pendulum")[0] == 0
+    assert len(bags.read_demonstration(both, TASK).samples) == 60
+    assert iolspi("demos", "merge", one, "--out", both, "--task", "pendulum")[0] == 2
+    joined = write(tmp_path / "joined", [*flight(1, prefix="/v1"), *flight(3, prefix="/v1")])
+    parts = tmp_path / "parts"
+    status, said = iolspi("demos", "split", joined, "--out", parts, "--task", "pendulum")
+    assert (status, sorted(p.name for p in parts.iterdir())) == (0, ["v1_run_1", "v1_run_2"]), said
+    assert len(bags.read_demonstration(parts / "v1_run_2", TASK).samples) == 30
+    assert "30 samples" in iolspi("demos", "info", parts / "v1_run_2")[1]  # it says its own task
+
+
+def test_a_bag_with_several_runs_is_chosen_from_by_option(iolspi, tmp_path):
+    path = write(tmp_path / "bag", [*samples(1), *samples(2)])
+    status, said = iolspi("demos", "check", path, "--task", "pendulum")
+    assert status == 2
+    assert "run 2 (30 samples" in said
+    assert iolspi("demos", "check", path, "--task", "pendulum", "--run", 2)[0] == 1  # odd, but read
+
+
+def test_exports_hold_the_samples(iolspi, tmp_path):
+    expected = bags.read_demonstration(find("demos", "pendulum", "set_1"), TASK)
+    table, arrays = tmp_path / "x.csv", tmp_path / "x.npz"
+    assert iolspi("demos", "export", SET_1, "--out", table)[0] == 0
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 6300
+    first = expected.samples[0].transition
+    assert float(rows[0]["shaft.position"]) == first.state[0]
+    assert iolspi("demos", "export", SET_1, "--out", arrays)[0] == 0
+    found = np.load(arrays)
+    np.testing.assert_array_equal(found["next_state"], expected.transitions().next_state)
+    assert load(str(found["task"]), "file").name == "pendulum"
+    assert iolspi("demos", "export", SET_1, "--out", arrays)[0] == 2
+    assert iolspi("demos", "export", SET_1, "--out", tmp_path / "x.txt")[0] == 2
+
+
+def test_a_plot_is_a_picture(iolspi, tmp_path):
+    assert iolspi("demos", "plot", SET_1, "--out", tmp_path / "x.png")[0] == 0
+    assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_bag_that_nobody_knows_the_task_of_wants_to_be_told(iolspi, tmp_path):
+    status, said = iolspi("demos", "info", write(tmp_path / "bag", samples(1)))
+    assert status == 2
+    assert "--task" in said
+
+
+# ---------------------------------------------------------------- new-task
+
+
+def test_a_new_vehicle_learns_as_it_is(iolspi, tmp_path, monkeypatch):
+    assert iolspi("new-task", "my_block", "--out", tmp_path)[0] == 0
+    monkeypatch.syspath_prepend(tmp_path)
+    setup = prepare("my_block:MyBlock", None, 0)
+    scores = []
+    train(setup.world, setup.learner, 200, Listener(on_episode=lambda s, r, t: scores.append(t)))
+    assert sum(scores[-20:]) <= 2  # it stays on the table
+    status, said = iolspi("new-task", "my_block", "--out", tmp_path)
+    assert status == 2
+    assert "exists already" in said
+
+
+def test_a_new_robot_and_a_new_environment_are_read(iolspi, tmp_path):
+    assert iolspi("new-task", "rover", "--kind", "robot", "--out", tmp_path)[0] == 0
+    assert read_robot(tmp_path / "rover.yaml").task.name == "rover"
+    pytest.importorskip("gymnasium")
+    assert iolspi("new-task", "swing", "--kind", "gymnasium", "--out", tmp_path)[0] == 0
+    assert yaml.safe_load((tmp_path / "swing.yaml").read_text())["name"] == "swing"
+    from sim_nodes.tasks import task_class
+
+    assert task_class(str(tmp_path / "swing.yaml")).description.names[0] == "cosine"
+
+
+@pytest.mark.parametrize("name", ["My-Boat", "3d", "../boat"])
+def test_a_name_that_is_none_is_refused(iolspi, tmp_path, name):
+    assert iolspi("new-task", name, "--out", tmp_path)[0] == 2
