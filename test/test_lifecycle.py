@@ -67,7 +67,7 @@ def manager(ros):
 
 def test_a_learner_acts_only_while_it_is_active(nodes, manager):
     manager.listen("action", Float64MultiArray)
-    nodes.start("learner", *AT_ONCE, "-p", 'autostart:=never')
+    nodes.start("learner", *AT_ONCE, "-p", "autostart:=never")
     nodes.start("simulator")
     manager.until_state("learner", UNCONFIGURED)
     assert manager.change("learner", CONFIGURE)
@@ -153,7 +153,7 @@ def test_a_refused_transition_ends_nobody(nodes, manager, node):
 
 
 def test_a_configuration_that_is_refused_can_be_mended(nodes, manager, tmp_path):
-    nodes.start("learner", "-p", 'autostart:=never', "-p", "resume:=true")
+    nodes.start("learner", "-p", "autostart:=never", "-p", "resume:=true")
     manager.until_state("learner", UNCONFIGURED)
     assert not manager.change("learner", CONFIGURE)
     nodes.wait_for("learner", "parameter checkpoint is empty; allowed: the path of a file")
