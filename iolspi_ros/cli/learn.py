@@ -11,6 +11,7 @@ import typer
 
 from iolspi_ros.cli import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import bar, baseline, console
 from iolspi_ros.errors import InputError
 
@@ -40,9 +41,9 @@ def learn(
         Optional[Path],
         typer.Option(help="Parameter file; else config/TASK.yaml, if there is one."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the policy and the report.")] = Path(
-        "out/learn"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="A new folder for policy and report; out/learn gets numbered ones.")
+    ] = Path("out/learn"),
 ) -> None:
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
     from iolspi_ros import resources
@@ -58,7 +59,7 @@ def learn(
     count = episodes_to_fly(vehicle, seconds, episodes, 0)
     if not demos:
         _check_enough(count, core, about)
-    resources.make_folder(out)
+    out = fresh(out)
     history = History(about.sampling_time, _demonstrated(about, demos or []))
     if demos:
         _pretrain(core, history)
