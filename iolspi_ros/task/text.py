@@ -9,14 +9,11 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import plain
 from iolspi_ros.task.description import Action, Ending, TaskDescription, Variable
+from iolspi_ros.task.plain import parse
 
-LARGEST = 2**20
-"""Bytes of a description at most."""
-_DEEPEST = 20
 _HUGE = 1e300
 _PARTS: dict[str, type[Any]] = {"variables": Variable, "actions": Action, "endings": Ending}
 _WORDS: dict[Any, str] = {
@@ -58,13 +55,10 @@ def load(text: str, where: str) -> TaskDescription:
     InputError
         Naming the place, the field, its value and what is allowed.
     """
-    if len(text) > LARGEST:
-        raise InputError(f"{where} has {len(text)} characters; allowed: at most {LARGEST}")
-    try:
-        content = _parse(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{where} is no YAML: {reason}") from None
+    return _described(parse(text, where), where)
+
+
+def _described(content: Any, where: str) -> TaskDescription:
     try:
         description: TaskDescription = _make(TaskDescription, content, "the task")
     except InputError as error:
@@ -81,29 +75,10 @@ def read(path: Path) -> TaskDescription:
         When it cannot be read, or is none.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(LARGEST + 1)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}; allowed: a task description") from None
-    return load(text, str(path))
-
-
-def _parse(text: str) -> Any:
-    """JSON by its own parser, which is many times faster; the rest as YAML without aliases."""
-    if text.lstrip()[:1] == "{":
-        try:
-            return json.loads(text)
-        except json.JSONDecodeError:
-            pass  # YAML's braces, perhaps
-    depth = 0
-    for event in yaml.parse(text, yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            raise ValueError("it has an alias; allowed: none")
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise ValueError(f"it is nested deeper than {_DEEPEST}")
-    return yaml.safe_load(text)
+        content = plain.read(path, "a task description")
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; allowed: a task description") from None
+    return _described(content, str(path))
 
 
 def _make(cls: type[Any], content: Any, what: str) -> Any:
