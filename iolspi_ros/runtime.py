@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -21,8 +22,13 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from iolspi_ros.arguments import without_files
+from iolspi_ros.beside import computing
 from iolspi_ros.errors import InputError
 
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Signals that ask a process of ours to save and end."""
+MOST_DOMAIN = 232
+DISCOVERY_RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
@@ -82,7 +88,8 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
     Returns
     -------
     int
-        Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
+        Exit status: 0 after SIGINT, SIGTERM, SIGHUP or SIGQUIT, 2 for bad input, 1 when something
+        could not be put away where it belongs.
     """
     made: list[Node | Nodes] = []
     begun = False
@@ -93,32 +100,69 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
         if not made:
             raise KeyboardInterrupt
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+    handle_ends(interrupt)
+    status = 0
     try:
+        check_environment()
         rclpy.init(args=without_files(sys.argv if args is None else args))
         begun = True
         made.append(make())
         spin(made[0])
     except KeyboardInterrupt:
-        return 0
+        pass
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
-        return 2
+        status = 2
     except (RCLError, NotInitializedException, InvalidHandle) as error:
-        if begun and not rclpy.ok():  # a signal came while the node was being made
-            return 0
-        # A parameter that is no YAML.
-        print(f"{name}: {_first_line(error)}", file=sys.stderr)
-        return 2
+        if not begun or rclpy.ok():  # otherwise a signal came while the node was being made
+            # A parameter that is no YAML.
+            print(f"{name}: {_first_line(error)}", file=sys.stderr)
+            status = 2
     finally:
         # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDS:
             signal.signal(number, signal.SIG_IGN)
         for node in (node for one in made for node in _nodes(one)):
-            _put_away(node, name)
+            status = max(status, _put_away(node, name))
         rclpy.try_shutdown()
-    return 0
+    if computing():  # nobody waits for that any more, and an orderly end would
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    return status
+
+
+def handle_ends(interrupt: Callable[..., None]) -> None:
+    """Let every signal that asks for an end do what SIGINT and SIGTERM do.
+
+    rclpy has handlers for those two alone, which wake its executors; the others are passed on as
+    SIGTERM. A signal that is ignored from the start, as SIGHUP is below nohup, stays so.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
+    for number in (signal.SIGHUP, signal.SIGQUIT):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: signal.raise_signal(signal.SIGTERM))
+
+
+def check_environment() -> None:
+    """Say what of the environment rclpy would stumble over.
+
+    Raises
+    ------
+    InputError
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    if domain and not (domain.isascii() and domain.isdecimal() and int(domain) <= MOST_DOMAIN):
+        raise InputError(
+            f"environment variable ROS_DOMAIN_ID is {domain!r}; allowed: 0 to {MOST_DOMAIN}"
+        )
+    discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    if discovery and discovery not in DISCOVERY_RANGES:
+        raise InputError(
+            f"environment variable ROS_AUTOMATIC_DISCOVERY_RANGE is {discovery!r}; allowed: "
+            f"{', '.join(DISCOVERY_RANGES)}"
+        )
 
 
 def _nodes(made: Node | Nodes) -> Sequence[Node]:
@@ -164,13 +208,17 @@ def _spin_once(loop: Executor, nodes: Sequence[Node], timeout: float) -> None:
         nodes[0].get_logger().warning(f"refused: {_first_line(error)}")
 
 
-def _put_away(node: Node, name: str) -> None:
+def _put_away(node: Node, name: str) -> int:
+    """Close a node; 1 when something of it could not be put away, and was said."""
+    status = 0
     try:
         node.close()
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
+        status = 1
     with contextlib.suppress(RCLError):
         node.destroy_node()
+    return status
 
 
 def _first_line(error: Exception) -> str:

@@ -16,13 +16,14 @@ from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
+from iolspi_ros.seen import Seen
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
-from sim_nodes.world import World, WorldSettings
+from sim_nodes.world import World, WorldMemory, WorldSettings
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,27 @@ class SimulatorSettings(Settings):
     )  # fmt: skip
     seed: int = setting(0, "of initial conditions and noise; used at the next reset", low=0)
     episodes: int = setting(0, "stop after so many episodes since the reset; 0 for never", low=0)
+
+
+@dataclass(frozen=True)
+class VehicleMemory:
+    """Where a simulated vehicle is, for a checkpoint.
+
+    Attributes
+    ----------
+    world : WorldMemory
+    ticks, begun, answered : int
+    done : bool
+    seen : Seen
+        The observation that is shown.
+    """
+
+    world: WorldMemory
+    ticks: int
+    begun: int
+    answered: int
+    done: bool
+    seen: Seen
 
 
 class Simulator(ManagedNode):
@@ -210,6 +232,37 @@ class Simulator(ManagedNode):
             return None
         self._topics.local = True
         return self._topics.take_pending()
+
+    Memory = VehicleMemory
+
+    def memory(self) -> VehicleMemory | None:
+        """Where the vehicle is, for a checkpoint; None for one that does not wait for answers."""
+        if self.settings.mode != "lockstep" or not self._begun:
+            return None
+        return VehicleMemory(
+            self.world.memory(), self._ticks, self._begun, self._answered, self._done,
+            Seen.of(self._observation),
+        )  # fmt: skip
+
+    def recall(self, memory: VehicleMemory) -> None:
+        """Go on from what `memory` gave.
+
+        Raises
+        ------
+        InputError
+            When it is of another vehicle.
+        """
+        if self.settings.mode != "lockstep":
+            return
+        self.world.recall(memory.world)
+        self._ticks, self._begun, self._answered = memory.ticks, memory.begun, memory.answered
+        self._done = memory.done and memory.begun >= self.settings.episodes > 0
+        self._observation = memory.seen.observation()
+        self._episode = self._observation.episode
+        self._topics.show(self._observation)
+        if self._done:
+            self.get_logger().info(f"done: {self._begun} episodes, before this process")
+        self._publish()
 
     def take(self, answer: Answer) -> None:
         """Take an action that answers an observation."""

@@ -34,6 +34,7 @@ class Composition:
     def __init__(self, arguments: Sequence[str], *, demonstrator: bool) -> None:
         self.simulator = Simulator(arguments)
         self.learner = LearnerNode(arguments, local=True)
+        self.learner.vehicle = self.simulator
         self.nodes = [self.simulator, self.learner]
         if demonstrator:
             self.nodes.append(Demonstrator(arguments))

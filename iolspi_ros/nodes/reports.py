@@ -11,7 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Learner, Source, Update
-from iolspi_ros.core.samples import Observation
+from iolspi_ros.core.samples import Array, Observation
 
 
 class Reports:
@@ -97,6 +97,16 @@ class Reports:
     def _head(self) -> tuple[int, int, int, int]:
         now = self._node.get_clock().now().nanoseconds
         return (*self._key, *wire.split(now))
+
+    def memory(self) -> Array:
+        """Sums of the episode under way, for a checkpoint."""
+        return np.array([self._score, self._discounted, self._explored], float)
+
+    def recall(self, memory: Array) -> None:
+        """Go on from what `memory` gave."""
+        if memory.shape == (3,):
+            self._score, self._discounted = float(memory[0]), float(memory[1])
+            self._explored = int(memory[2])
 
     def close(self) -> None:
         """Publish nothing more."""

@@ -24,11 +24,12 @@ PARENT = "IOLSPI_PARENT"
 
 
 def start(node: str) -> int:
-    """Import and run a node; until it runs, SIGINT and SIGTERM end the process with 0."""
+    """Import and run a node; until it runs, a signal to end ends the process with 0."""
     follow_parent()
     prepare()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(0))
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: os._exit(0))
     return int(importlib.import_module(NODES[node]).main())
 
 
