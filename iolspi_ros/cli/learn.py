@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -47,7 +48,7 @@ def learn(
 ) -> None:
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
     from iolspi_ros import resources
-    from iolspi_ros.core import checkpoint
+    from iolspi_ros.cli.saving import saved
     from iolspi_ros.experiments.headless import prepare, remember, train, train_beside
     from iolspi_ros.experiments.history import History
     from iolspi_ros.report import run as report
@@ -61,14 +62,15 @@ def learn(
         _check_enough(count, core, about)
     out = fresh(out)
     history = History(about.sampling_time, _demonstrated(about, demos or []))
-    if demos:
-        _pretrain(core, history)
-    try:
+    with saved(out / "checkpoint.npz", core, name) as saving:
+        if demos:
+            saving.computed(lambda: _pretrain(core, history))
         with bar("learning online [episodes]", count) as show:
-            train(world, core, count, remember(history, core, show))
-    except KeyboardInterrupt:
-        console.print("interrupted; what was learned so far is kept")
-    checkpoint.save(out / "checkpoint.npz", core, name)
+            train(world, core, count, saving.listener(remember(history, core, show)))
+    if saving.interrupted:
+        console.print(f"interrupted; what was learned so far is in {out}")
+    if saving.interrupted and saving.status != 128 + signal.SIGINT:
+        raise typer.Exit(saving.status)  # whoever sends those does not wait for a report
     if not history.policies:
         raise KeyboardInterrupt  # before the first update: there is nothing to report
     extra = {"learner": name, "wall_seconds": round(time.monotonic() - start, 2)}

@@ -202,8 +202,10 @@ class Keeper:
         """Let others have the place."""
         self._writer.shutdown(wait=True)
         if self._lock is not None:
+            place = _lock_path(self.path)
             with suppress(OSError):
-                _lock_path(self.path).unlink()
+                if os.fstat(self._lock.fileno()).st_ino == place.stat().st_ino:
+                    place.unlink()
             self._lock.close()
             self._lock = None
 
