@@ -17,6 +17,7 @@ from typing import Any
 
 import yaml
 
+from iolspi_ros import environment
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.start import PARENT
 
@@ -51,7 +52,8 @@ def isolate() -> int:
     int
         The ROS domain, for whoever wants to look on.
     """
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment.check()
+    os.environ.setdefault(environment.RANGE, "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(free_domain())
     os.environ.setdefault("HOME", tempfile.gettempdir())  # rcl writes its logs there

@@ -21,14 +21,13 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
+from iolspi_ros import environment
 from iolspi_ros.arguments import without_files
 from iolspi_ros.beside import computing
 from iolspi_ros.errors import InputError
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that ask a process of ours to save and end."""
-MOST_DOMAIN = 232
-DISCOVERY_RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
@@ -103,7 +102,7 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
     handle_ends(interrupt)
     status = 0
     try:
-        check_environment()
+        environment.check()
         rclpy.init(args=without_files(sys.argv if args is None else args))
         begun = True
         made.append(make())
@@ -143,26 +142,6 @@ def handle_ends(interrupt: Callable[..., None]) -> None:
     for number in (signal.SIGHUP, signal.SIGQUIT):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: signal.raise_signal(signal.SIGTERM))
-
-
-def check_environment() -> None:
-    """Say what of the environment rclpy would stumble over.
-
-    Raises
-    ------
-    InputError
-    """
-    domain = os.environ.get("ROS_DOMAIN_ID", "")
-    if domain and not (domain.isascii() and domain.isdecimal() and int(domain) <= MOST_DOMAIN):
-        raise InputError(
-            f"environment variable ROS_DOMAIN_ID is {domain!r}; allowed: 0 to {MOST_DOMAIN}"
-        )
-    discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
-    if discovery and discovery not in DISCOVERY_RANGES:
-        raise InputError(
-            f"environment variable ROS_AUTOMATIC_DISCOVERY_RANGE is {discovery!r}; allowed: "
-            f"{', '.join(DISCOVERY_RANGES)}"
-        )
 
 
 def _nodes(made: Node | Nodes) -> Sequence[Node]:

@@ -47,8 +47,8 @@ def demo(
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     count = episodes_to_fly(vehicle, seconds, episodes, 1)
-    out = fresh(out)
     domain = graph.isolate()
+    out = fresh(out)
     console.print(
         f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
         f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."

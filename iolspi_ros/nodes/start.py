@@ -8,6 +8,8 @@ import os
 import signal
 import sys
 
+from iolspi_ros.environment import no_ros
+from iolspi_ros.leftovers import sweep
 from iolspi_ros.process import prepare
 
 NODES = {
@@ -30,7 +32,15 @@ def start(node: str) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: os._exit(0))
-    return int(importlib.import_module(NODES[node]).main())
+    sweep()
+    try:
+        module = importlib.import_module(NODES[node])
+    except ImportError as error:
+        if (said := no_ros(error)) is None:
+            raise
+        print(f"{node}: {said}", file=sys.stderr)
+        return 2
+    return int(module.main())
 
 
 def follow_parent() -> None:
