@@ -20,6 +20,7 @@ from iolspi_ros.seen import Seen
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import Answer, VehicleTopics
+from iolspi_ros.vitals import SILENCE, Pulse, Report, Vitals
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
@@ -92,6 +93,7 @@ class Simulator(ManagedNode):
         self._episode = -1
         self._published = 0.0
         self._paused = self._done = False
+        self._pulse = Pulse()
 
     def configure(self) -> None:
         """Make the world, and say what its task is."""
@@ -102,6 +104,7 @@ class Simulator(ManagedNode):
         )
         self._clock_message = Clock()
         self._markers = Markers(self, self.world.task)
+        self._vitals = Vitals(self, "simulating", ("task", "state", "reward"), self._diagnose)
         self._kept = [
             self.create_subscription(
                 Float64MultiArray, "action", self._on_action, qos.CONTROL, raw=True
@@ -130,6 +133,7 @@ class Simulator(ManagedNode):
     def cleanup(self) -> None:
         """Leave the graph."""
         self._topics.close()
+        self._vitals.close()
         self._markers.close()
         if self._clock_out is not None:
             self.destroy_publisher(self._clock_out)
@@ -194,6 +198,9 @@ class Simulator(ManagedNode):
             self._show(self.world.move(self._episode, action))
 
     def _show(self, observation: Observation) -> None:
+        realtime = self.settings.mode == "realtime"
+        period = self.task.sampling_time / self.settings.real_time_factor
+        self._pulse.beat(period if realtime else 0.0)
         self._ticks += 1  # also at the start of an episode: every state has a stamp of its own
         stamp = self._ticks * self._stamp_step
         self._observation = observation = observation._replace(stamp=stamp)
@@ -281,6 +288,21 @@ class Simulator(ManagedNode):
     @property
     def _moving(self) -> bool:
         return self.active and not (self._paused or self._done)
+
+    def _diagnose(self) -> Report:
+        phase = "inactive" if not self.active else "done" if self._done else "running"
+        report = Report("paused" if self._paused else phase)
+        realtime = self.settings.mode == "realtime"
+        factor = self.settings.real_time_factor if realtime else 1.0
+        report.values |= {
+            "task": self.task.name, "mode": self.settings.mode, "episode": self._episode,
+            "steps per second": f"{self._pulse.rate():.1f}",
+            "in real time they would be": f"{factor / self.task.sampling_time:.1f}",
+            "steps late": self._pulse.late, "actions ignored": self._topics.ignored,
+        }  # fmt: skip
+        if self._moving and not realtime and self._pulse.silence > SILENCE:
+            report.worry(f"nobody has answered for {self._pulse.silence:.0f} s")
+        return report
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         try:

@@ -16,6 +16,7 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.seen import Seen
 from iolspi_ros.task import TaskDescription
+from iolspi_ros.vitals import Pulse
 
 RESTARTED = 20
 """Observations in a row, all older than the newest, after which they are another run's."""
@@ -114,6 +115,7 @@ class ControlLoop:
         self._watch: Any = None
         self.running = False
         self.invalid = 0
+        self.pulse = Pulse()
         self._local = local
         listened: tuple[tuple[Any, str, Any], ...] = (
             ()
@@ -185,6 +187,7 @@ class ControlLoop:
             self._publish()
             return
         if key > self._newest:
+            self._count(observation)
             self._seen = observation
         for before, transition in self._pairer.transitions(observation):
             self._controller.transition(before, transition)
@@ -198,6 +201,13 @@ class ControlLoop:
         self._pack(observation)
         self._publish()
         self._controller.answered(observation, self._source, self._answer)
+
+    def _count(self, observation: Observation) -> None:
+        """Take the pulse of the vehicle."""
+        self.pulse.beat()
+        seen = self._seen
+        if seen is not None and seen.episode == observation.episode:
+            self.pulse.lost += max(observation.step - seen.step - 1, 0)
 
     def _pack(self, observation: Observation) -> None:
         key, stamp = (observation.episode, observation.step), wire.split(observation.stamp)

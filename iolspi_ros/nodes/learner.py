@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
@@ -25,11 +25,12 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.control_loop import ControlLoop, no_vehicle
 from iolspi_ros.nodes.demonstrations import Demonstrations
-from iolspi_ros.nodes.reports import Reports, diagnostics
+from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
+from iolspi_ros.vitals import SILENCE, Report, Vitals
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ class LearnerNode(ManagedNode):
         self._since: list[Transition] = []  # what was observed since
         self._cut = self._closing = False  # whether pretraining was told to stop; whether we end
         self._ready = False  # to act, as soon as it is active
+        self._while_flying = 0  # samples
         self._due = False  # an update, since before a resume
         self._watch: Any = None
         self.add_post_set_parameters_callback(self._on_changed)
@@ -109,17 +111,15 @@ class LearnerNode(ManagedNode):
         """Listen for a task; what it needs for that follows then."""
         if self._saving.wanted or self._saving.settings.resume:
             self._saving.keeper()
-        self._diagnostics_out = self.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
+        sole = ("task", "state", "reward", "sample", "demonstration", "update")
+        self._vitals = Vitals(self, "learning", sole, self._diagnose)
         self._own_services = [
             self.create_service(SetBool, "~/learn", self._on_learn),
             self.create_service(Trigger, "~/learn_offline", self._on_learn_offline),
             self.create_service(Trigger, "~/save", self._on_save),
             self.create_service(Trigger, "~/load", self._on_load),
         ]
-        self._own_timers = [
-            runtime.wall_timer(self, 0.05, self._look_after),
-            runtime.wall_timer(self, 1.0, self._diagnose),
-        ]
+        self._own_timers = [runtime.wall_timer(self, 0.05, self._look_after)]
         self._task = TaskListener(self, self._on_task, self._on_conflict)
 
     def activate(self) -> None:
@@ -142,7 +142,7 @@ class LearnerNode(ManagedNode):
             self.destroy_timer(timer)
         for service in self._own_services:
             self.destroy_service(service)
-        self.destroy_publisher(self._diagnostics_out)
+        self._vitals.close()
         if self.core is not None:
             self._loop.close()
             self._reports.close()
@@ -351,6 +351,10 @@ class LearnerNode(ManagedNode):
     # ------------------------------------------------------------ demonstrations
 
     def _on_sample(self, message: Any) -> None:
+        if self._loop.running:
+            if not self._while_flying:
+                self.get_logger().warning("samples of a demonstration come while flying")
+            self._while_flying += 1
         try:
             self._demonstrations.add(message)
         except InputError as error:
@@ -486,27 +490,36 @@ class LearnerNode(ManagedNode):
             return "inactive" if self._ready or not self.active else "waiting for a demonstration"
         return "learning" if self.learning else "acting"
 
-    def _diagnose(self) -> None:
-        level, text = DiagnosticStatus.OK, self._phase()
-        values: dict[str, object] = {"phase": text, "learner": self.settings.learner}
+    def _diagnose(self) -> Report:
+        report = Report(self._phase())
+        report.values["learner"] = self.settings.learner
         if self.core is not None:
-            values |= {
+            loop = self._loop
+            report.values |= {
                 "task": self.core.task.name,
                 "demonstrated samples": len(self._demonstrations),
-                "messages ignored": self._loop.invalid,
+                "samples that came while flying": self._while_flying,
+                "messages ignored": loop.invalid,
+                "observations per second": f"{loop.pulse.rate():.1f}",
+                "in real time they would be": f"{1.0 / self.core.task.sampling_time:.1f}",
+                "steps lost": loop.pulse.lost,
+                "seconds since the last observation": f"{loop.pulse.silence:.1f}",
             }
             condition, worry = self._reports.condition()
-            values |= condition
-            if worry:
-                level, text = DiagnosticStatus.WARN, f"{text}; {worry}"
+            report.values |= condition
+            report.worry(worry)
+            if loop.running and loop.pulse.silence > max(SILENCE, 5 * self.core.task.sampling_time):
+                report.worry(f"the vehicle has been silent for {loop.pulse.silence:.0f} s")
+            if self._while_flying:
+                report.worry(
+                    f"{self._while_flying} samples came while flying; they are learned from with "
+                    "~/learn_offline alone"
+                )
         condition, worry = self._saving.condition(time.monotonic())
-        values |= condition
-        if worry:
-            level, text = DiagnosticStatus.ERROR, f"{text}; {worry}"
-        if self._conflict:
-            level, text = DiagnosticStatus.ERROR, self._conflict
-        message = diagnostics(self, "learning", level, text, values)
-        runtime.publish(self._diagnostics_out, message)
+        report.values |= condition
+        report.worry(worry, DiagnosticStatus.ERROR)
+        report.worry(self._conflict, DiagnosticStatus.ERROR)
+        return report
 
 
 def main() -> int:

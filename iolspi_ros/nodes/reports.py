@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
@@ -112,30 +111,3 @@ class Reports:
         """Publish nothing more."""
         for publisher in (self._score_out, self._update_out, self._weights_out):
             self._node.destroy_publisher(publisher)
-
-
-def diagnostics(
-    node: Node, what: str, level: bytes, text: str, values: dict[str, object]
-) -> DiagnosticArray:
-    """One status of a node.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    what : str
-        What of it, as in "learner: learning".
-    level : bytes
-        Of DiagnosticStatus.
-    text : str
-    values : dict
-    """
-    message = DiagnosticArray()
-    message.header.stamp = node.get_clock().now().to_msg()
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    name = node.get_fully_qualified_name()[1:]
-    message.status = [
-        DiagnosticStatus(
-            level=level, name=f"{name}: {what}", message=text, hardware_id=name, values=pairs
-        )
-    ]
-    return message
