@@ -96,7 +96,7 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
     def interrupt(*_: object) -> None:
         # rclpy's own handler, which calls this one, shuts the context down and so ends the
         # loop; an exception from here would land anywhere, also in the executor's C++.
-        if not made:
+        if not begun:
             raise KeyboardInterrupt
 
     handle_ends(interrupt)
@@ -117,6 +117,9 @@ def main(make: Callable[[], Node | Nodes], name: str, args: list[str] | None = N
             # A parameter that is no YAML.
             print(f"{name}: {_first_line(error)}", file=sys.stderr)
             status = 2
+    except Exception:
+        if not begun or rclpy.ok():  # otherwise what was being made missed its context
+            raise
     finally:
         # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
         for number in ENDS:
