@@ -43,6 +43,7 @@ def main() -> int:
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
         demo,
+        doctor,
         fly,
         learn,
         record,

@@ -7,6 +7,7 @@ listens to. The bits that come of it are those of two processes.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 
 from iolspi_ros import runtime
@@ -16,7 +17,9 @@ from iolspi_ros.vehicle_topics import Answer
 from sim_nodes.simulator import Simulator
 
 BURST = 200
-"""Steps between two looks at what the graph has brought."""
+"""Steps between two looks at what the graph has brought, at most."""
+MOMENT = 0.02
+"""Seconds between them, at most."""
 
 
 class Composition:
@@ -41,7 +44,10 @@ class Composition:
 
     def pump(self) -> bool:
         """Let the vehicle move and the learner answer, for a while; False when nothing moved."""
+        end = time.monotonic() + MOMENT
         for step in range(BURST):
+            if time.monotonic() > end:
+                break
             observation = self.simulator.handed_over()
             action = None if observation is None else self.learner.respond(observation)
             if observation is None or action is None:
