@@ -29,7 +29,7 @@ from iolspi_ros.errors import InputError
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that ask a process of ours to save and end."""
-GLANCE, MOST_EVENTS = 0.0005, 50
+GLANCE, MOST_EVENTS = 0.002, 50
 """Seconds without an event after which nodes in one process go on stepping; events at most."""
 RCLError: type[Exception] = rclpy_implementation.RCLError
 

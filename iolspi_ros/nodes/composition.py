@@ -18,7 +18,7 @@ from sim_nodes.simulator import Simulator
 
 BURST = 200
 """Steps between two looks at what the graph has brought, at most."""
-MOMENT = 0.02
+MOMENT = 0.05
 """Seconds between them, at most."""
 
 
