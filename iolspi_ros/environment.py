@@ -46,15 +46,15 @@ def keep_to_this_machine() -> bool:
 
 def no_ros(error: ImportError) -> InputError | None:
     """Why ROS cannot be imported, in a line; None when that is not what failed."""
-    names = ("rclpy", "rpyutils", "rosidl", "rcl_interfaces", "_rclpy_pybind11", "ament_index")
-    if not any(name in f"{error.name} {error} {error.path}" for name in names):
-        return None
+    names = ("rclpy", "rpyutils", "rosidl", "rcl_interfaces", "ament_index")
     try:
         found = importlib.util.find_spec("rclpy")
     except (ImportError, ValueError):
         found = None
     where = found.origin if found is not None else "nowhere"
     shadowed = found is not None and not str(where).startswith(sys.prefix)
+    if not shadowed and not any(name in f"{error.name} {error} {error.path}" for name in names):
+        return None
     cure = (
         "another ROS stands before this one: unset PYTHONPATH, or use the Python that it is for"
         if shadowed

@@ -72,6 +72,7 @@ class Graph:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._commands: dict[str, tuple[str, tuple[str, ...]]] = {}
 
     def __enter__(self) -> Graph:
         return self
@@ -100,7 +101,8 @@ class Graph:
 
     def run(self, name: str, module: str, *arguments: str) -> None:
         """Start a Python module that ends with its parent, as our nodes do; `name` is its log's."""
-        with (self._folder / f"{name}.log").open("wb") as log:
+        self._commands[name] = (module, arguments)
+        with (self._folder / f"{name}.log").open("ab") as log:
             # A session of its own: a Ctrl-C reaches us alone, and we end the nodes in order.
             self._processes[name] = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, *arguments],
@@ -121,6 +123,16 @@ class Graph:
                 log = self._folder / f"{node}.log"
                 lines = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
                 raise InputError(f"{node} ended (status {process.returncode}): {lines[-1]}")
+
+    def ended(self) -> dict[str, int]:
+        """Exit status of each node that has ended by itself."""
+        found = {name: process.poll() for name, process in self._processes.items()}
+        return {name: status for name, status in found.items() if status is not None}
+
+    def restart(self, name: str) -> None:
+        """Start a node that has ended again, as it was started; its log goes on."""
+        module, arguments = self._commands[name]
+        self.run(name, module, *arguments)
 
     def stop(self) -> None:
         """End all nodes; kill what does not listen."""

@@ -50,6 +50,7 @@ def main() -> int:
         reproduce,
         run,
         sitl,
+        up,
     )
 
     try:
