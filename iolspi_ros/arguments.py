@@ -12,9 +12,8 @@ from typing import Any
 import yaml
 
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import plain
 
-LARGEST = 2**20
-"""Bytes of a parameter file at most."""
 _PARAMETERS = "ros__parameters"
 _FILE, _VALUE, _REMAP = ("--params-file",), ("-p", "--param"), ("-r", "--remap")
 
@@ -85,7 +84,7 @@ def given(arguments: Sequence[str], kind: str) -> dict[str, Any]:
         key, _, value = text.partition(":=")
         node, colon, key = key.rpartition(":")
         if not colon or matches(node if node[:1] == "/" else f"/**/{node}", name):
-            found[key] = yaml.safe_load(value)
+            found[key] = plain.parse(value, f"parameter {key}")
     return found
 
 
@@ -111,13 +110,9 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
         When it cannot be read, or is no parameter file.
     """
     try:
-        if path.stat().st_size > LARGEST:
-            raise InputError(f"{path} has more than {LARGEST} bytes; allowed: a parameter file")
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = plain.read(path, "a ROS parameter file")
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; allowed: a ROS parameter file") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{path} is no YAML: {' '.join(str(error).split())}") from None
     try:
         return dict(_sections(content, ""))
     except (AttributeError, TypeError):
@@ -130,7 +125,7 @@ def _sections(content: Any, prefix: str) -> Iterator[tuple[str, dict[str, Any]]]
     for key, value in content.items():
         if key == _PARAMETERS:
             if value is not None:
-                yield prefix, dict(value)
+                yield prefix, {str(name): chosen for name, chosen in value.items()}
         else:
             yield from _sections(value or {}, f"{prefix}/{str(key).strip('/')}")
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import yaml
 
+from iolspi_ros import environment
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.start import PARENT
 
@@ -51,7 +52,8 @@ def isolate() -> int:
     int
         The ROS domain, for whoever wants to look on.
     """
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment.check()
+    os.environ.setdefault(environment.RANGE, "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(free_domain())
     os.environ.setdefault("HOME", tempfile.gettempdir())  # rcl writes its logs there
@@ -72,6 +74,7 @@ class Graph:
     def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
         self._folder, self._environment = folder, dict(environment or {})
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._commands: dict[str, tuple[str, tuple[str, ...]]] = {}
 
     def __enter__(self) -> Graph:
         return self
@@ -108,7 +111,8 @@ class Graph:
 
     def run(self, name: str, module: str, *arguments: str) -> None:
         """Start a Python module that ends with its parent, as our nodes do; `name` is its log's."""
-        with (self._folder / f"{name}.log").open("wb") as log:
+        self._commands[name] = (module, arguments)
+        with (self._folder / f"{name}.log").open("ab") as log:
             # A session of its own: a Ctrl-C reaches us alone, and we end the nodes in order.
             self._processes[name] = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, *arguments],
@@ -129,6 +133,16 @@ class Graph:
                 log = self._folder / f"{node}.log"
                 lines = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
                 raise InputError(f"{node} ended (status {process.returncode}): {lines[-1]}")
+
+    def ended(self) -> dict[str, int]:
+        """Exit status of each node that has ended by itself."""
+        found = {name: process.poll() for name, process in self._processes.items()}
+        return {name: status for name, status in found.items() if status is not None}
+
+    def restart(self, name: str) -> None:
+        """Start a node that has ended again, as it was started; its log goes on."""
+        module, arguments = self._commands[name]
+        self.run(name, module, *arguments)
 
     def stop(self) -> None:
         """End all nodes; kill what does not listen."""

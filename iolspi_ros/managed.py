@@ -57,6 +57,7 @@ class ManagedNode(LifecycleNode):
         self.failure: InputError | None = None
         self.active = False
         self._refused: InputError | None = None
+        self._starting = False
         wanted = parameters.declare(self, self.Autostart).autostart
         if wanted != "never":
             self._autostart = runtime.wall_timer(self, 0.0, lambda: self._start(wanted))
@@ -67,10 +68,12 @@ class ManagedNode(LifecycleNode):
 
     def _start(self, wanted: str) -> None:
         self._autostart.cancel()
+        self._starting = True
         done = TransitionCallbackReturn.SUCCESS
         if self.trigger_configure() is done and (
             wanted == "configure" or self.trigger_activate() is done
         ):
+            self._starting = False
             return
         self.fail(self._refused or InputError(f"{self.get_name()} could not start by itself"))
 
@@ -125,6 +128,7 @@ class ManagedNode(LifecycleNode):
             act()
         except InputError as error:
             self.active, self._refused = before, error
-            self.get_logger().error(str(error))
+            if not self._starting:  # otherwise whoever spins it says so
+                self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -22,9 +24,15 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
+from iolspi_ros import environment
 from iolspi_ros.arguments import without_files
+from iolspi_ros.beside import computing
 from iolspi_ros.errors import InputError
 
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Signals that ask a process of ours to save and end."""
+GLANCE, MOST_EVENTS = 0.002, 50
+"""Seconds without an event after which nodes in one process go on stepping; events at most."""
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
@@ -92,7 +100,8 @@ def main(
     Returns
     -------
     int
-        Exit status: 0 after SIGINT or SIGTERM, 2 for bad input.
+        Exit status: 0 after SIGINT, SIGTERM, SIGHUP or SIGQUIT, 2 for bad input, 1 when something
+        could not be put away where it belongs.
     """
     made: list[Node | Nodes] = []
     begun, making, told = False, True, False
@@ -107,9 +116,10 @@ def main(
             making = False  # a second signal must not interrupt how the first one is handled
             raise KeyboardInterrupt
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+    handle_ends(interrupt)
+    status = 0
     try:
+        environment.check()
         given = sys.argv if arguments is None else arguments
         rclpy.init(args=without_files(given), signal_handler_options=handlers)
         begun = True
@@ -117,25 +127,44 @@ def main(
         making = False
         spin(made[0], lambda: told and last_word)
     except KeyboardInterrupt:
-        return 0
+        pass
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
-        return 2
+        status = 2
     except (RCLError, NotInitializedException, InvalidHandle) as error:
-        if begun and not rclpy.ok():  # a signal came while the node was being made
-            return 0
-        # A parameter that is no YAML.
-        print(f"{name}: {_first_line(error)}", file=sys.stderr)
-        return 2
+        if not begun or rclpy.ok():  # otherwise a signal came while the node was being made
+            # A parameter that is no YAML.
+            print(f"{name}: {_first_line(error)}", file=sys.stderr)
+            status = 2
+    except Exception:
+        if not begun or rclpy.ok():  # otherwise what was being made missed its context
+            raise
     finally:
         making = False
         # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDS:
             signal.signal(number, signal.SIG_IGN)
         for node in (node for one in made for node in _nodes(one)):
-            _put_away(node, name)
+            status = max(status, _put_away(node, name))
         rclpy.try_shutdown()
-    return 0
+    if computing():  # nobody waits for that any more, and an orderly end would
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    return status
+
+
+def handle_ends(interrupt: Callable[..., None]) -> None:
+    """Let every signal that asks for an end do what SIGINT and SIGTERM do.
+
+    rclpy has handlers for those two alone, which wake its executors; the others are passed on as
+    SIGTERM. A signal that is ignored from the start, as SIGHUP is below nohup, stays so.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
+    for number in (signal.SIGHUP, signal.SIGQUIT):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: signal.raise_signal(signal.SIGTERM))
 
 
 def _nodes(made: Node | Nodes) -> Sequence[Node]:
@@ -161,12 +190,24 @@ def spin(made: Node | Nodes, told: Callable[[], bool] = lambda: False) -> None:
     try:
         while context.ok() and not told():
             busy = pump is not None and pump()
-            _spin_once(loop, nodes, 0.0005 if busy else 0.25)
+            if busy:
+                _look_in(loop, nodes)
+            else:
+                _spin_once(loop, nodes, 0.25)
             for node in nodes:
                 if (failure := getattr(node, "failure", None)) is not None:
                     raise failure
     except ExternalShutdownException:
         pass
+
+
+def _look_in(loop: Executor, nodes: Sequence[Node]) -> None:
+    """Handle the events that wait; each spin handles one, and none takes its whole time."""
+    for _ in range(MOST_EVENTS):
+        begin = time.monotonic()
+        _spin_once(loop, nodes, GLANCE)
+        if time.monotonic() - begin >= 0.9 * GLANCE:
+            return
 
 
 def _spin_once(loop: Executor, nodes: Sequence[Node], timeout: float) -> None:
@@ -181,13 +222,17 @@ def _spin_once(loop: Executor, nodes: Sequence[Node], timeout: float) -> None:
         nodes[0].get_logger().warning(f"refused: {_first_line(error)}")
 
 
-def _put_away(node: Node, name: str) -> None:
+def _put_away(node: Node, name: str) -> int:
+    """Close a node; 1 when something of it could not be put away, and was said."""
+    status = 0
     try:
         node.close()
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
+        status = 1
     with contextlib.suppress(RCLError):
         node.destroy_node()
+    return status
 
 
 def _first_line(error: Exception) -> str:

@@ -16,13 +16,15 @@ from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
+from iolspi_ros.seen import Seen
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import Answer, VehicleTopics
+from iolspi_ros.vitals import SILENCE, Pulse, Report, Vitals
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
-from sim_nodes.world import WorldSettings, make_world
+from sim_nodes.world import WorldMemory, WorldSettings, make_world
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,27 @@ class SimulatorSettings(Settings):
     episodes: int = setting(0, "stop after so many episodes since the reset; 0 for never", low=0)
 
 
+@dataclass(frozen=True)
+class VehicleMemory:
+    """Where a simulated vehicle is, for a checkpoint.
+
+    Attributes
+    ----------
+    world : WorldMemory
+    ticks, begun, answered : int
+    done : bool
+    seen : Seen
+        The observation that is shown.
+    """
+
+    world: WorldMemory
+    ticks: int
+    begun: int
+    answered: int
+    done: bool
+    seen: Seen
+
+
 class Simulator(ManagedNode):
     """Publishes `task`, `state`, `reward`, `/clock`, `markers`; takes `action`."""
 
@@ -72,6 +95,7 @@ class Simulator(ManagedNode):
         self._episode = -1
         self._published = 0.0
         self._paused = self._done = False
+        self._pulse = Pulse()
 
     def configure(self) -> None:
         """Make the world, and say what its task is."""
@@ -82,6 +106,7 @@ class Simulator(ManagedNode):
         )
         self._clock_message = Clock()
         self._markers = Markers(self, self.world.task)
+        self._vitals = Vitals(self, "simulating", ("task", "state", "reward"), self._diagnose)
         self._kept = [
             self.create_subscription(
                 Float64MultiArray, "action", self._on_action, qos.CONTROL, raw=True
@@ -110,6 +135,7 @@ class Simulator(ManagedNode):
     def cleanup(self) -> None:
         """Leave the graph."""
         self._topics.close()
+        self._vitals.close()
         self._markers.close()
         if self._clock_out is not None:
             self.destroy_publisher(self._clock_out)
@@ -174,6 +200,9 @@ class Simulator(ManagedNode):
             self._show(self.world.move(self._episode, action))
 
     def _show(self, observation: Observation) -> None:
+        realtime = self.settings.mode == "realtime"
+        period = self.task.sampling_time / self.settings.real_time_factor
+        self._pulse.beat(period if realtime else 0.0)
         self._ticks += 1  # also at the start of an episode: every state has a stamp of its own
         stamp = self._ticks * self._stamp_step
         self._observation = observation = observation._replace(stamp=stamp)
@@ -213,6 +242,37 @@ class Simulator(ManagedNode):
         self._topics.local = True
         return self._topics.take_pending()
 
+    Memory = VehicleMemory
+
+    def memory(self) -> VehicleMemory | None:
+        """Where the vehicle is, for a checkpoint; None for one that does not wait for answers."""
+        if self.settings.mode != "lockstep" or not self._begun:
+            return None
+        return VehicleMemory(
+            self.world.memory(), self._ticks, self._begun, self._answered, self._done,
+            Seen.of(self._observation),
+        )  # fmt: skip
+
+    def recall(self, memory: VehicleMemory) -> None:
+        """Go on from what `memory` gave.
+
+        Raises
+        ------
+        InputError
+            When it is of another vehicle.
+        """
+        if self.settings.mode != "lockstep":
+            return
+        self.world.recall(memory.world)
+        self._ticks, self._begun, self._answered = memory.ticks, memory.begun, memory.answered
+        self._done = memory.done and memory.begun >= self.settings.episodes > 0
+        self._observation = memory.seen.observation()
+        self._episode = self._observation.episode
+        self._topics.show(self._observation)
+        if self._done:
+            self.get_logger().info(f"done: {self._begun} episodes, before this process")
+        self._publish()
+
     def take(self, answer: Answer) -> None:
         """Take an action that answers an observation."""
         if not self._moving or answer.episode != self._episode:
@@ -230,6 +290,21 @@ class Simulator(ManagedNode):
     @property
     def _moving(self) -> bool:
         return self.active and not (self._paused or self._done)
+
+    def _diagnose(self) -> Report:
+        phase = "inactive" if not self.active else "done" if self._done else "running"
+        report = Report("paused" if self._paused else phase)
+        realtime = self.settings.mode == "realtime"
+        factor = self.settings.real_time_factor if realtime else 1.0
+        report.values |= {
+            "task": self.task.name, "mode": self.settings.mode, "episode": self._episode,
+            "steps per second": f"{self._pulse.rate():.1f}",
+            "in real time they would be": f"{factor / self.task.sampling_time:.1f}",
+            "steps late": self._pulse.late, "actions ignored": self._topics.ignored,
+        }  # fmt: skip
+        if self._moving and not realtime and self._pulse.silence > SILENCE:
+            report.worry(f"nobody has answered for {self._pulse.silence:.0f} s")
+        return report
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         try:

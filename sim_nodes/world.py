@@ -76,6 +76,24 @@ def blur(noise: Noise, rng: np.random.Generator, seen: Array) -> None:
         seen[d] += noise.sensor[d] * rng.standard_normal()
 
 
+@dataclass(frozen=True)
+class WorldMemory:
+    """Where a world is, for a checkpoint.
+
+    Attributes
+    ----------
+    state : ndarray of shape (n_dims,)
+    rng : dict
+    vehicle_steps, episodes_started, step : int
+    """
+
+    state: Array
+    rng: dict[str, Any]
+    vehicle_steps: int
+    episodes_started: int
+    step: int
+
+
 class World:
     """A task with a state, a clock and a random generator.
 
@@ -150,6 +168,33 @@ class World:
         """Next state, reward, whether the task ended, and whether the vehicle cut the episode."""
         after, reward, ended = self.task.step(self.state, action, self.vehicle_time, noise)
         return after, float(reward), bool(ended), False
+
+    def memory(self) -> WorldMemory:
+        """All that a later `recall` needs to go on bit by bit the same."""
+        return WorldMemory(
+            np.array(self.state, float), dict(self.rng.bit_generator.state), self.vehicle_steps,
+            self._episodes_started, self._step,
+        )  # fmt: skip
+
+    def recall(self, memory: WorldMemory) -> None:
+        """Go on from what `memory` gave.
+
+        Raises
+        ------
+        InputError
+            When it is of another vehicle, or no memory.
+        """
+        if memory.state.shape != (self._starts.shape[1],) or memory.step < 0:
+            raise InputError(
+                f"the vehicle's state has shape {memory.state.shape}; allowed: "
+                f"({self._starts.shape[1]},), this vehicle's"
+            )
+        try:
+            self.rng.bit_generator.state = memory.rng
+        except (TypeError, ValueError, LookupError, OverflowError) as error:
+            raise InputError(f"rng is no state of its random generator: {error}") from None
+        self.state, self.vehicle_steps = memory.state, memory.vehicle_steps
+        self._episodes_started, self._step = memory.episodes_started, memory.step
 
     def flown(self, state: Array, steps: int) -> None:
         """Take over a stretch that was computed elsewhere, and where it led."""

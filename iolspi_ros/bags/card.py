@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import plain
 
 CARD = "card.yaml"
 
@@ -26,11 +27,11 @@ def read_card(path: Path) -> dict[str, Any]:
         When there is one and it is no YAML mapping.
     """
     try:
-        card = yaml.safe_load((path / CARD).read_text())
+        card = plain.read(path / CARD, "a card")
     except FileNotFoundError:
         return {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
-        card = None
+    except InputError as error:
+        raise InputError(f"{path / CARD} is not readable: {error}") from None
     if not isinstance(card, dict):
         raise InputError(f"{path / CARD} is not readable; allowed: a YAML mapping, or no card")
     return card

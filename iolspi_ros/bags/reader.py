@@ -6,21 +6,27 @@ import re
 import shutil
 import sqlite3
 import tempfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import lz4.frame
+import zstandard
 from backports import zstd  # rosbags needs it too
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.serde import SerdeError
 
 from iolspi_ros.bags.typestore import types
-from iolspi_ros.bags.writer import METADATA
 from iolspi_ros.errors import InputError
+
+METADATA = "metadata.yaml"
+LARGEST_CHUNK = 2**28
+"""Bytes of a record, packed or not, at most."""
 
 ZSTD = ".zstd"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -63,11 +69,11 @@ def records(path: Path, damage: Damage) -> Iterator[Record]:
     if not files:
         raise InputError(f"{path} holds no .mcap and no .db3 file; allowed: a rosbag2 directory")
     for file in files:
-        with _uncompressed(file, damage) as plain:
-            if plain.suffix == ".mcap":
-                yield from _read_mcap(plain, file.name, damage)
+        with _uncompressed(file, damage) as whole:
+            if whole.suffix == ".mcap":
+                yield from _read_mcap(whole, file.name, damage)
             else:
-                yield from _read_db3(plain, file, damage)
+                yield from _read_db3(whole, file, damage)
 
 
 def bag_files(folder: Path) -> list[Path]:
@@ -113,28 +119,77 @@ def _decompress(path: Path, plain: Path, damage: Damage) -> None:
             damage.notes.append(f"{path.name} is damaged: {error}")
 
 
+class _McapFile:
+    """What was understood of an MCAP file so far."""
+
+    def __init__(self) -> None:
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, Channel] = {}
+        self.count = self.broken = 0
+        self.promised: int | None = None
+        self.closed = False
+
+    def take(self, record: Any) -> Iterator[Record]:
+        """The messages of a record, checked against its checksum when it has one."""
+        if isinstance(record, Chunk):
+            try:
+                for inner in breakup_chunk(_unpacked(record)):
+                    yield from self.take(inner)
+            except Exception:  # struct, zstd and lz4 have errors of their own
+                self.broken += 1
+        elif isinstance(record, Schema):
+            self._schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            self._channels[record.id] = record
+        elif isinstance(record, Message) and record.channel_id in self._channels:
+            channel = self._channels[record.channel_id]
+            self.count += 1
+            kind = self._schemas.get(channel.schema_id, "")
+            yield Record(channel.topic, kind, record.log_time, _message(record.data))
+        elif isinstance(record, Statistics):
+            self.promised = record.message_count
+        elif isinstance(record, Footer):
+            self.closed = True
+
+    def notes(self) -> Iterator[str]:
+        """What is missing, in words."""
+        if self.broken:
+            yield f"{self.broken} chunks are damaged: their checksum is another; they are left out"
+        elif self.closed and self.promised is not None and self.promised != self.count:
+            yield f"it has {self.count} of the {self.promised} messages that were written"
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """A chunk without compression, its checksum verified, within its limits."""
+    if chunk.uncompressed_size > LARGEST_CHUNK:
+        raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes")
+    data = chunk.data
+    if chunk.compression == "zstd":
+        if zstandard.get_frame_parameters(data).content_size > LARGEST_CHUNK:
+            raise ValueError("a chunk that is larger than it says")
+        data = zstandard.decompress(data, chunk.uncompressed_size)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, LARGEST_CHUNK)
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("another checksum")
+    return replace(chunk, compression="", data=data)
+
+
 def _read_mcap(path: Path, name: str, damage: Damage) -> Iterator[Record]:
-    schemas: dict[int, str] = {}
-    channels: dict[int, Channel] = {}
-    size, good, closed = path.stat().st_size, 0, False
+    """Every message of a file up to where it ends or makes no sense."""
+    found, size, good = _McapFile(), path.stat().st_size, 0
     with path.open("rb") as file:
         try:
-            for record in StreamReader(file, record_size_limit=2**28).records:
+            stream = StreamReader(file, emit_chunks=True, record_size_limit=LARGEST_CHUNK)
+            for record in stream.records:
                 good = file.tell()
-                if isinstance(record, Schema):
-                    schemas[record.id] = record.name
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    channel = channels[record.channel_id]
-                    kind = schemas.get(channel.schema_id, "")
-                    yield Record(channel.topic, kind, record.log_time, _message(record.data))
-            closed = True
+                yield from found.take(record)
         except (McapError, EOFError, ValueError, OverflowError, MemoryError):
             pass
-        except Exception as error:  # struct, zstd and lz4 have errors of their own
+        except Exception as error:  # struct has errors of its own
             damage.notes.append(f"{name}: {type(error).__name__} while reading")
-    if not closed:
+    damage.notes += [f"{name}: {note}" for note in found.notes()]
+    if not found.closed:
         lost = size - good
         rest = f"its last {lost} of {size} bytes are no complete message"
         if not lost:

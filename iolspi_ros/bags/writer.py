@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import yaml
+from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
+from iolspi_ros.bags.reader import METADATA, Damage, Record, deserialise, records
 from iolspi_ros.bags.typestore import types
 from iolspi_ros.errors import InputError
 
-METADATA = "metadata.yaml"
+PACKED = 2**18
+"""Bytes of a chunk of a packed bag."""
 
 
 class BagWriter:
@@ -25,6 +28,8 @@ class BagWriter:
     ----------
     path : Path
         Directory to make.
+    packed : bool
+        Compress many messages together; a kill then loses those of the last chunk.
 
     Raises
     ------
@@ -32,7 +37,7 @@ class BagWriter:
         When it exists already or cannot be made.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, packed: bool = False) -> None:
         self.path = path
         try:
             path.mkdir(parents=True)
@@ -45,8 +50,12 @@ class BagWriter:
                 f"bag {path} cannot be made: {error.strerror}; allowed: a place you may write to"
             ) from error
         self._file = (path / f"{path.name}_0.mcap").open("wb")
-        # Without chunks each record is complete in itself, whatever happens to the next.
-        self._mcap = McapWriter(self._file, use_chunking=False)
+        # A chunk for each message, unless they are packed: complete in itself, with a checksum.
+        self._packed = packed
+        self._mcap = McapWriter(
+            self._file, chunk_size=PACKED if packed else 1,
+            compression=CompressionType.ZSTD if packed else CompressionType.NONE,
+        )  # fmt: skip
         self._mcap.start(profile="ros2", library="iolspi_ros")
         self._channels: dict[str, tuple[int, str]] = {}
         self._counts: dict[str, int] = {}
@@ -92,7 +101,8 @@ class BagWriter:
             count = self._counts[topic]
             channel = self._channels[topic][0]
             self._mcap.add_message(channel, time, data, time, sequence=count)
-            self._file.flush()
+            if not self._packed:
+                self._file.flush()
         except OSError as error:
             raise InputError(
                 f"bag {self.path} cannot be written: {error.strerror}; "
@@ -155,21 +165,27 @@ class BagWriter:
 
 
 def compact(path: Path) -> None:
-    """Compress a closed bag in place; its other files, such as the card, stay."""
-    packed = path.with_name(f".{path.name}.part")
-    shutil.rmtree(packed, ignore_errors=True)
-    writer = Writer(packed / path.name, version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    with Reader(path) as reader, writer:
-        connections = {
-            c.id: writer.add_connection(c.topic, c.msgtype, typestore=types())
-            for c in reader.connections
-        }
-        for connection, time, data in reader.messages():
-            writer.write(connections[connection.id], time, data)
-    for other in path.iterdir():
-        if other.suffix != ".mcap" and other.name != METADATA:
-            shutil.copy2(other, packed / path.name / other.name)
-    shutil.rmtree(path)
-    (packed / path.name).rename(path)
-    packed.rmdir()
+    """Compress a closed bag in place; its other files, such as the card, stay.
+
+    Messages are written anew as their types say, without what a transport left behind them.
+    """
+    work = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    try:
+        with BagWriter(work / path.name, packed=True) as writer:
+            for record in _whole_bag(path):
+                data = bytes(types().serialize_cdr(deserialise(record), record.type))
+                writer.write(record.topic, record.type, record.time, data)
+        for other in path.iterdir():
+            if other.suffix != ".mcap" and other.name != METADATA:
+                shutil.copy2(other, writer.path / other.name)
+        path.rename(work / "before")
+        writer.path.rename(path)
+    finally:
+        shutil.rmtree(work)
+
+
+def _whole_bag(path: Path) -> Iterator[Record]:
+    damage = Damage()
+    yield from records(path, damage)
+    if damage.notes:
+        raise InputError(f"bag {path}: {'; '.join(damage.notes)}; allowed: a whole bag")

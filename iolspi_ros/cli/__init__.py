@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from iolspi_ros import __version__
+from iolspi_ros.environment import no_ros
 from iolspi_ros.errors import InputError
 from iolspi_ros.process import prepare
 
@@ -43,6 +44,7 @@ def main() -> int:
         bench,
         demo,
         demos,
+        doctor,
         fly,
         learn,
         new_task,
@@ -50,12 +52,18 @@ def main() -> int:
         reproduce,
         run,
         sitl,
+        up,
     )
 
     try:
         app()
     except InputError as error:
         print(f"iolspi: {error}", file=sys.stderr)
+        return 2
+    except ImportError as error:
+        if (said := no_ros(error)) is None:
+            raise
+        print(f"iolspi: {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("iolspi: interrupted", file=sys.stderr)

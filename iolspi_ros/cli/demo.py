@@ -25,9 +25,9 @@ def demo(
     seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
     episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the simulator and the learner.")] = 0,
-    out: Annotated[Path, typer.Option(help="Folder for everything that is left.")] = Path(
-        "out/demo"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="A new folder for all that is left; out/demo gets numbered ones.")
+    ] = Path("out/demo"),
 ) -> None:
     """Learn a task on a real ROS 2 graph, and report how it went.
 
@@ -47,8 +47,8 @@ def demo(
     bag = resources.find("demos", task, f"set_{demonstration}")
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     count = episodes_to_fly(vehicle, seconds, episodes, 1)
-    out = fresh(out, "simulator.log")
     domain = graph.isolate()
+    out = fresh(out)
     console.print(
         f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
         f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."

@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iolspi_ros import resources
+from iolspi_ros import folders
 from iolspi_ros.cli.progress import bar
-from iolspi_ros.errors import InputError
 
 if TYPE_CHECKING:
     from iolspi_ros.graph import Graph
     from iolspi_ros.nodes.monitor import Monitor
 
 
-def fresh(out: Path, mark: str) -> Path:
-    """An empty folder; what an earlier run of the same command left there goes.
+def fresh(out: Path, mark: str = "") -> Path:
+    """A folder of this run alone; see `folders.new_folder`.
 
     Parameters
     ----------
     out : Path
+        The option `--out`: a place of its own keeps a numbered folder for each run.
     mark : str
-        A file that the command leaves in its folders, by which it knows them.
+        Not needed any more.
     """
-    if out.is_dir() and any(out.iterdir()) and not (out / mark).is_file():
-        raise InputError(f"--out {out} holds other files; allowed: a new folder, or one of this")
-    shutil.rmtree(out, ignore_errors=True)
-    resources.make_folder(out)
-    return out
+    return folders.new_folder(out)
 
 
 class Follower:

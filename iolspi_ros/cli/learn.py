@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -11,6 +12,7 @@ import typer
 
 from iolspi_ros.cli import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
+from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import bar, baseline, console
 from iolspi_ros.cli.selecting import RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
@@ -45,14 +47,14 @@ def learn(
         Optional[Path],
         typer.Option(help="Parameter file; else config/TASK.yaml, if there is one."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the policy and the report.")] = Path(
-        "out/learn"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="A new folder for policy and report; out/learn gets numbered ones.")
+    ] = Path("out/learn"),
 ) -> None:
     """Learn a task without ROS, faster than real time; leaves a policy, plots and numbers."""
     from iolspi_ros import resources
     from iolspi_ros.bags import select
-    from iolspi_ros.core import checkpoint
+    from iolspi_ros.cli.saving import saved
     from iolspi_ros.experiments.headless import prepare, remember, train, train_beside
     from iolspi_ros.experiments.history import History
     from iolspi_ros.report import run as report
@@ -64,22 +66,21 @@ def learn(
     count = episodes_to_fly(model, seconds, episodes, 0)
     if not demos:
         _check_enough(count, core, about)
-    resources.make_folder(out)
+    out = fresh(out)
     history = History(
         about.sampling_time, _demonstrated(about, demos or [], select(vehicle, run, topics or []))
     )
-    if demos:
-        _pretrain(core, history)
-    interrupted = False
-    try:
+    with saved(out / "checkpoint.npz", core, name) as saving:
+        if demos:
+            saving.computed(lambda: _pretrain(core, history))
         with bar("learning online [episodes]", count) as show:
-            train(world, core, count, remember(history, core, show))
-    except KeyboardInterrupt:
-        console.print("interrupted; what was learned so far is kept")
-        interrupted = True
-    checkpoint.save(out / "checkpoint.npz", core, name)
+            train(world, core, count, saving.listener(remember(history, core, show)))
+    if saving.interrupted:
+        console.print(f"interrupted; what was learned so far is in {out}")
+    if saving.interrupted and saving.status != 128 + signal.SIGINT:
+        raise typer.Exit(saving.status)  # whoever sends those does not wait for a report
     if not history.policies:
-        if interrupted:
+        if saving.interrupted:
             raise KeyboardInterrupt
         raise InputError(
             f"{count} episodes had {core.step} steps, less than one update: nothing was learned; "

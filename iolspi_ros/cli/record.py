@@ -9,13 +9,15 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from iolspi_ros import resources
 from iolspi_ros.cli import app
 from iolspi_ros.cli.progress import bar, console
+from iolspi_ros.errors import InputError
 
 
 @app.command(epilog="Example: iolspi record --mode explore --corruption 0.33 --out my_set")
 def record(
-    out: Annotated[Path, typer.Option(help="Bag to make.")],
+    out: Annotated[Path, typer.Option(help="Bag to make; must not be there yet.")],
     task: Annotated[str, typer.Option(help="The task to fly.")] = "pendulum",
     mode: Annotated[str, typer.Option(help="perform or explore.")] = "perform",
     corruption: Annotated[float, typer.Option(help="Probability of a random action.")] = 0.0,
@@ -26,8 +28,7 @@ def record(
     seed: Annotated[int, typer.Option(min=0, help="Of the pilot and the simulator.")] = 0,
 ) -> None:
     """Let the scripted pilot fly one episode from each start on a ROS 2 graph, and record it."""
-    from iolspi_ros import bags, graph, resources
-    from iolspi_ros.errors import InputError
+    from iolspi_ros import bags, graph
     from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import task_class
@@ -40,21 +41,40 @@ def record(
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
     config = resources.config(task)
     graph.isolate()
-    logs = Path(tempfile.mkdtemp(prefix="iolspi-record-"))
+    work = _beside(out)
+    bag = work / out.name
     wanted = {
         "seed": seed, "source": "scripted", "mode": mode, "corruption": corruption,
-        "record": str(out.resolve()), "episodes": n_starts(vehicle), "model": task,
+        "record": str(bag), "episodes": n_starts(vehicle), "model": task,
     }  # fmt: skip
     try:
-        with watching(vehicle.description) as monitor, graph.Graph(logs) as nodes:
+        with watching(vehicle.description) as monitor, graph.Graph(work) as nodes:
             nodes.start("simulator", {"task": task, "seed": seed, "order": "sweep"}, config)
             nodes.start("demonstrator", wanted, config)
-            _wait(nodes, monitor, vehicle, out)
+            _wait(nodes, monitor, vehicle, bag)
+        bags.compact(bag)
     finally:
-        shutil.rmtree(logs)
-    bags.compact(out)
+        _put_in_place(bag, out, work)
     card = bags.read_card(out)
     console.print(f"{out}: {card['samples']} samples, flown by {card['pilot']}")
+
+
+def _beside(out: Path) -> Path:
+    """A folder to work in, of this run alone, on the disk where the bag is to be."""
+    resources.make_folder(out.resolve().parent)
+    return Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.resolve().parent))
+
+
+def _put_in_place(bag: Path, out: Path, work: Path) -> None:
+    """Give the bag, whole or not, the name that was asked for, unless somebody has taken it."""
+    if bag.is_dir():
+        try:
+            bag.rename(out)
+        except OSError:
+            raise InputError(
+                f"--out {out} was made by somebody else meanwhile; the bag is in {bag}"
+            ) from None
+    shutil.rmtree(work)
 
 
 def _wait(nodes: Any, monitor: Any, vehicle: Any, out: Path) -> None:

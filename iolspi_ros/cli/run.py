@@ -32,7 +32,7 @@ def run(
     Parameters come behind `--ros-args`; config/pendulum.yaml lists them, docs/interfaces.md says
     what the nodes say to each other.
     """
-    from iolspi_ros import resources
+    from iolspi_ros import environment, resources
     from sim_nodes.tasks import task_class
 
     if node not in NODES:
@@ -53,5 +53,11 @@ def run(
             first += ["--params-file", str(file)]
         if node in ("simulator", "graph"):
             first += ["-p", f"simulator:task:={task}"]
+    if environment.keep_to_this_machine():
+        print(
+            f"{node}: heard on this machine only; {environment.RANGE}=SUBNET lets the network in "
+            "(docs/security.md)",
+            file=sys.stderr,
+        )
     sys.argv = [node, *first, *context.args]
     raise SystemExit(start(node))

@@ -100,11 +100,14 @@ class Listener:
     on_episode : callable
         With each episode's sum of rewards (T: learning score), its last reward, and whether the
         task ended there.
+    improve : callable
+        Makes an update that is due; asked only with `on_observation`.
     """
 
     on_observation: Callable[[Observation, int, Source], None] | None = None
     on_update: Callable[[Update], None] = lambda update: None
     on_episode: Callable[[float, float, bool], None] = lambda score, reward, terminated: None
+    improve: Callable[[Learner], Update] = update
 
 
 def train(world: World, learner: Learner, episodes: int, listener: Listener) -> None:
@@ -135,7 +138,7 @@ def train(world: World, learner: Learner, episodes: int, listener: Listener) -> 
                 look(seen, action, source)
             after = world.move(episode, action)
             if learner.observe(transition_between(seen, after)):
-                listener.on_update(update(learner))
+                listener.on_update(listener.improve(learner))
             seen = after
             score += seen.reward
         listener.on_episode(score, seen.reward, seen.terminated)

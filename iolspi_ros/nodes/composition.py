@@ -6,6 +6,7 @@ listens to. The bits that come of it are those of two processes.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 from iolspi_ros import runtime
@@ -15,7 +16,9 @@ from iolspi_ros.vehicle_topics import Answer
 from sim_nodes.simulator import Simulator
 
 BURST = 200
-"""Steps between two looks at what the graph has brought."""
+"""Steps between two looks at what the graph has brought, at most."""
+MOMENT = 0.05
+"""Seconds between them, at most."""
 
 
 class Composition:
@@ -33,13 +36,17 @@ class Composition:
     def __init__(self, arguments: Sequence[str], *, demonstrator: bool) -> None:
         self.simulator = Simulator(arguments)
         self.learner = LearnerNode(arguments, local=True)
+        self.learner.vehicle = self.simulator
         self.nodes = [self.simulator, self.learner]
         if demonstrator:
             self.nodes.append(Demonstrator(arguments))
 
     def pump(self) -> bool:
         """Let the vehicle move and the learner answer, for a while; False when nothing moved."""
+        end = time.monotonic() + MOMENT
         for step in range(BURST):
+            if time.monotonic() > end:
+                break
             observation = self.simulator.handed_over()
             action = None if observation is None else self.learner.respond(observation)
             if observation is None or action is None:

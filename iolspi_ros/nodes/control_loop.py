@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
@@ -14,8 +15,10 @@ from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.pairing import Pairer
+from iolspi_ros.seen import Seen
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.unheard import unheard
+from iolspi_ros.vitals import Pulse
 
 TASK = "std_msgs/msg/String"
 RESTARTED = 20
@@ -29,6 +32,11 @@ class Controller(Protocol):
         """Take a transition that left `before`; each comes once."""
         ...
 
+    @property
+    def busy(self) -> bool:
+        """Whether it cannot choose yet; see `ControlLoop.go_on`."""
+        ...
+
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Action for an observation whose state is finite and not the last of its episode."""
         ...
@@ -36,6 +44,27 @@ class Controller(Protocol):
     def answered(self, observation: Observation, source: Source, answer: bytes) -> None:
         """Take an observation and the message that answered it; the vehicle moves already."""
         ...
+
+
+@dataclass(frozen=True)
+class LoopMemory:
+    """Where a loop is, for a checkpoint.
+
+    Attributes
+    ----------
+    seen : Seen
+        The newest observation whose transition was taken.
+    episode, step : int
+        Of the newest one that was answered; -1 for none.
+    action, source : int
+        The answer.
+    """
+
+    seen: Seen
+    episode: int
+    step: int
+    action: int
+    source: int
 
 
 class Host(Protocol):
@@ -77,7 +106,7 @@ class ControlLoop:
         local: bool = False,
         prefix: str = "",
     ) -> None:
-        self._node, self._task, self._controller = node, task, controller
+        self._node, self.task, self._controller = node, task, controller
         self._timeout = timeout
         self._pairer = Pairer(task)
         self._rows = wire.Rows("action", wire.ACTION)
@@ -85,11 +114,14 @@ class ControlLoop:
         self._newest = (-1, -1)
         self._older = 0
         self._answer = b""
-        self._action = task.neutral
+        self._action, self._source = task.neutral, Source.HOLD
+        self._seen: Observation | None = None
+        self._waiting: Observation | None = None  # for a controller that is busy
         self._heard = False
         self._watch: Any = None
         self.running = False
         self.invalid = 0
+        self.pulse = Pulse()
         self._local = local
         listened: tuple[tuple[Any, str, Any], ...] = (
             ()
@@ -160,16 +192,65 @@ class ControlLoop:
         if key == self._newest:
             self._publish()
             return
+        if key > self._newest:
+            self._count(observation)
+            self._seen = observation
         for before, transition in self._pairer.transitions(observation):
             self._controller.transition(before, transition)
         if key < self._newest or not self.running:
             return
+        if self._controller.busy:
+            self._waiting = observation
+            return
         self._newest = key
-        self._action, source = self._choose(observation)
-        stamp = wire.split(observation.stamp)
-        self._answer = self._rows.pack(*key, *stamp, self._action, source)
+        self._action, self._source = self._choose(observation)
+        self._pack(observation)
         self._publish()
-        self._controller.answered(observation, source, self._answer)
+        self._controller.answered(observation, self._source, self._answer)
+
+    def _count(self, observation: Observation) -> None:
+        """Take the pulse of the vehicle."""
+        self.pulse.beat()
+        seen = self._seen
+        if seen is not None and seen.episode == observation.episode:
+            self.pulse.lost += max(observation.step - seen.step - 1, 0)
+
+    def _pack(self, observation: Observation) -> None:
+        key, stamp = (observation.episode, observation.step), wire.split(observation.stamp)
+        self._answer = self._rows.pack(*key, *stamp, self._action, self._source)
+
+    def go_on(self) -> None:
+        """Answer what came while the controller was busy."""
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None and self.running:
+            self._respond(waiting)
+
+    def memory(self) -> LoopMemory:
+        """Where it is, for a checkpoint."""
+        return LoopMemory(Seen.of(self._seen), *self._newest, self._action, int(self._source))
+
+    def recall(self, memory: LoopMemory) -> None:
+        """Go on from what `memory` gave: the same observation gets the same answer again.
+
+        Raises
+        ------
+        InputError
+            When it is of another task.
+        """
+        seen = memory.seen.observation()
+        if seen.step < 0:
+            return
+        answer = 0 <= memory.action < self.task.n_actions and memory.source in set(Source)
+        if len(seen.state) != self.task.n_dims or not answer:
+            raise InputError(
+                f"the newest observation has {len(seen.state)} variables and the answer "
+                f"{memory.action}; allowed: those of task {self.task.name}"
+            )
+        self._pairer.take(seen)
+        self._seen, self._newest = seen, (memory.episode, memory.step)
+        self._action, self._source = memory.action, Source(memory.source)
+        if self._newest == (seen.episode, seen.step):
+            self._pack(seen)
 
     def _publish(self) -> None:
         if not self._local or self._out.get_subscription_count():
@@ -181,7 +262,8 @@ class ControlLoop:
         if self._older < RESTARTED:
             return False
         self._node.get_logger().warning("the vehicle has started anew")
-        self._pairer, self._newest, self._older = Pairer(self._task), (-1, -1), 0
+        self._pairer, self._newest, self._older = Pairer(self.task), (-1, -1), 0
+        self._seen = self._waiting = None
         return True
 
     def _choose(self, observation: Observation) -> tuple[int, Source]:
@@ -192,10 +274,10 @@ class ControlLoop:
                 f"{observation.step} of episode {observation.episode} is not finite"
             )
         if observation.last:
-            return self._task.neutral, Source.HOLD
+            return self.task.neutral, Source.HOLD
         if not finite:
             return (
-                observation.action if observation.action >= 0 else self._task.neutral
+                observation.action if observation.action >= 0 else self.task.neutral
             ), Source.HOLD
         return self._controller.choose(observation)
 

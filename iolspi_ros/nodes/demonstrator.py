@@ -26,6 +26,7 @@ from iolspi_ros.runtime import RCLError
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
+from iolspi_ros.vitals import Report, Vitals
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.tasks import task_class
 
@@ -78,6 +79,7 @@ class Demonstrator(ManagedNode):
             Float64MultiArray, "demonstration", qos.LATCHED
         )
         self._last = (0, 0, 0)  # episode, step and stamp of the last sample
+        self._vitals = Vitals(self, "demonstrating", ("sample", "demonstration"), self._diagnose)
         self._flushing = runtime.wall_timer(self, 0.05, self.flush)
         self._listener = TaskListener(self, self._on_task, self._on_conflict)
 
@@ -101,6 +103,7 @@ class Demonstrator(ManagedNode):
             self._work.close()
         self._work = None
         self._listener.close()
+        self._vitals.close()
         self.destroy_timer(self._flushing)
         self.destroy_publisher(self._sample_out)
         self.destroy_publisher(self._demonstration_out)
@@ -212,6 +215,18 @@ class Demonstrator(ManagedNode):
         bags.write_card(bag.path, self._card())
         # Printed: after a signal nothing can be logged to the graph any more.
         print(f"demonstrator: {self._sent} samples are in {bag.path}", file=sys.stderr)
+
+    def _diagnose(self) -> Report:
+        phase = "waiting for a vehicle" if self._work is None else "demonstrating"
+        report = Report(phase if self.active else "inactive")
+        report.values |= {
+            "source": self.settings.source, "samples sent": self._sent,
+            "samples waiting": len(self._waiting), "listeners": self.listeners(),
+            "recording to": self._bag.path if self._bag is not None else "nowhere",
+        }  # fmt: skip
+        if len(self._waiting) > 1:
+            report.worry(f"{len(self._waiting)} samples wait for a slow listener")
+        return report
 
     def _announce(self, *, active: bool) -> None:
         episode, step, stamp = self._last

@@ -56,6 +56,12 @@ class Fleet(ControlLoop):
         for other in self._others.values():
             other.stop()
 
+    def go_on(self) -> None:
+        """Answer what waited until the controller could choose again, of every vehicle."""
+        super().go_on()
+        for other in self._others.values():
+            other.go_on()
+
     def close(self) -> None:
         """Stop listening and publishing."""
         super().close()
@@ -112,6 +118,15 @@ class _Other:
         """Learn from a step of this vehicle."""
         self._counts[self._name] = self._counts.get(self._name, 0) + 1
         self._controller.transition(before, transition)
+
+    @property
+    def busy(self) -> bool:
+        """Whether the controller of all cannot choose yet."""
+        return self._controller.busy
+
+    def go_on(self) -> None:
+        """Answer what waited for the controller."""
+        self._loop.go_on()
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Choose as for any."""

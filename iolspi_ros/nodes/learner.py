@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import parameters, qos, runtime
+from iolspi_ros.beside import beside, finished
 from iolspi_ros.core import checkpoint
-from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_class, update
-from iolspi_ros.core.samples import Observation, Transition, Transitions
+from iolspi_ros.core.keeper import Snapshot
+from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_class
+from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.control_loop import TASK, no_vehicle
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.fleet import Fleet
-from iolspi_ros.nodes.reports import Reports, diagnostics
+from iolspi_ros.nodes.reports import Reports
+from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
+from iolspi_ros.vitals import SILENCE, Report, Vitals
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,6 @@ class NodeSettings(Settings):
     background: bool = setting(
         False, "solve beside the control thread (real time) instead of inline (lockstep)"
     )
-    checkpoint: str = setting("", "file to save to, also at the end; empty for none")
-    resume: bool = setting(False, "start from the checkpoint instead of from nothing")
     vehicle_timeout: float = setting(
         10.0, "give up when no vehicle was heard for this long at the start [s]; 0.0 for never",
         low=0.0, high=1e6,
@@ -64,6 +67,10 @@ def repeated(task: TaskDescription) -> dict[str, Any]:
     }
 
 
+MOMENT = 0.25
+"""Seconds of an update that a vehicle in lockstep is answered after, without anything between."""
+PATIENCE = 0.5
+"""Seconds that what is being computed still gets at the end."""
 _REPEATED = ("task", "joints", "neutral", "n_actions", "sampling_time", "gamma")
 
 
@@ -80,20 +87,25 @@ class LearnerNode(ManagedNode):
     def __init__(self, arguments: Sequence[str] | None = None, *, local: bool = False) -> None:
         super().__init__("learner", arguments)
         self._local = local
-        self.settings = parameters.declare(self, NodeSettings, ("checkpoint",))
+        self.settings = parameters.declare(self, NodeSettings)
+        self._saving = Saving(self)
         self._class = learner_class(self.settings.learner)
         parameters.declare(self, self._class.Settings, self._class.changeable)
-        parameters.check_changes(self, NodeSettings, self._class.Settings)
+        parameters.check_changes(self, NodeSettings, SavingSettings, self._class.Settings)
         parameters.warn_unknown(self, _REPEATED)
         self.core: Learner | None = None
         self.learning = True
         self._conflict = ""  # why nothing is learned any more
-        self._saved: Path | None = None  # checkpoint whose content this learner grew from
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="solve")
+        self.vehicle: Vehicle | None = None
+        """The vehicle, when it is in this process and to be saved, too."""
         self._pretraining: Future[Update] | None = None
         self._solving: Future[Any] | None = None
-        self._closing = False
+        self._before: Snapshot | None = None  # what was known before that computation
+        self._since: list[Transition] = []  # what was observed since
+        self._cut = self._closing = False  # whether pretraining was told to stop; whether we end
         self._ready = False  # to act, as soon as it is active
+        self._while_flying = 0  # samples
+        self._due = False  # an update, since before a resume
         self._watch: Any = None
         self.add_post_set_parameters_callback(self._on_changed)
 
@@ -101,19 +113,17 @@ class LearnerNode(ManagedNode):
 
     def configure(self) -> None:
         """Listen for a task; what it needs for that follows then."""
-        if self.settings.resume:
-            self._checkpoint()
-        self._diagnostics_out = self.create_publisher(DiagnosticArray, "/diagnostics", qos.OUTGOING)
+        if self._saving.wanted or self._saving.settings.resume:
+            self._saving.keeper()
+        sole = ("task", "state", "reward", "sample", "demonstration", "update")
+        self._vitals = Vitals(self, "learning", sole, self._diagnose)
         self._own_services = [
             self.create_service(SetBool, "~/learn", self._on_learn),
             self.create_service(Trigger, "~/learn_offline", self._on_learn_offline),
             self.create_service(Trigger, "~/save", self._on_save),
             self.create_service(Trigger, "~/load", self._on_load),
         ]
-        self._own_timers = [
-            runtime.wall_timer(self, 0.05, self._look_after),
-            runtime.wall_timer(self, 1.0, self._diagnose),
-        ]
+        self._own_timers = [runtime.wall_timer(self, 0.05, self._look_after)]
         self._task = TaskListener(self, self._on_task, self._on_conflict)
 
     def activate(self) -> None:
@@ -136,26 +146,69 @@ class LearnerNode(ManagedNode):
             self.destroy_timer(timer)
         for service in self._own_services:
             self.destroy_service(service)
-        self.destroy_publisher(self._diagnostics_out)
+        self._vitals.close()
         if self.core is not None:
             self._loop.close()
             self._reports.close()
             for subscription in self._subscriptions_of_demonstrations:
                 self.destroy_subscription(subscription)
         self.core, self._ready, self._conflict = None, False, ""
+        self._pretraining = self._solving = self._before = None
 
     def close(self) -> None:
-        """Finish what is being computed, and save."""
+        """Save: what is being computed is waited for a moment, and otherwise left out."""
         if not self._closing:
             self._closing = True
-            self._worker.shutdown(wait=True)
             self._finish()
 
     def _finish(self) -> None:
+        """Save what is known, unless that is nothing."""
         core = self.core
-        if core is not None and core.n_samples and self.get_parameter("checkpoint").value:
-            # Printed: after a signal nothing can be logged to the graph any more.
-            print(f"learner: {self._save(core)}", file=sys.stderr)
+        try:
+            if core is None or not self._saving.wanted:
+                return
+            found = self._last_words(core)
+            if core.step or core.n_samples or len(self._demonstrations):
+                # Printed: after a signal nothing can be logged to the graph any more.
+                print(f"learner: {self._saving.keeper().save(found)}", file=sys.stderr)
+        finally:
+            self._saving.close()
+
+    def _last_words(self, core: Learner) -> Snapshot:
+        """What to save at the end; never what was half done."""
+        before = self._before
+        if finished(self._pretraining, PATIENCE) and finished(self._solving, PATIENCE):
+            if self._pretraining is not None and not self._cut:
+                self._finish_pretraining(self._pretraining)
+            self._finish_solving()
+            if self._pretraining is None:
+                return self._snapshot(core)
+        assert before is not None
+        return self._and_since(before) if self.settings.background else before
+
+    def _and_since(self, before: Snapshot) -> Snapshot:
+        """What was known before a computation, and what was observed while it ran."""
+        content = before()
+        if not self._since:
+            return before
+        settings = parameters.read(self, self._class.Settings)
+        core = self._class(self._loop.task, settings, np.random.default_rng())
+        checkpoint.restore(content, core, self.settings.learner, "this learner")
+        for transition in self._since:
+            core.observe(transition)
+        flight = self._flight(due=True)
+        return checkpoint.snapshot(core, self.settings.learner, self._saving.run, flight=flight)
+
+    def _snapshot(self, core: Learner, *, due: bool = False) -> Snapshot:
+        """What is known now; taken in the control thread, which it hardly delays."""
+        vehicle = self.vehicle.memory() if self.vehicle is not None else None
+        return checkpoint.snapshot(
+            core, self.settings.learner, self._saving.run, flight=self._flight(due=due),
+            vehicle=vehicle,
+        )  # fmt: skip
+
+    def _flight(self, *, due: bool) -> Flight:
+        return Flight(self._loop.memory(), self._reports.memory(), due, self._ready)
 
     # ------------------------------------------------------------ the task
 
@@ -177,16 +230,14 @@ class LearnerNode(ManagedNode):
         s = self.settings
         settings = parameters.read(self, self._class.Settings)
         core = self._class(task, settings, np.random.default_rng([s.seed, 1]))
-        if s.resume:
-            path = self._checkpoint()
-            checkpoint.load(path, core, s.learner)
-            self._saved = path
-            self.get_logger().info(f"resumed from {path} at step {core.step}")
+        found = self._saving.look_for() if self._saving.settings.resume else None
         self._demonstrations = Demonstrations(task)
         self._loop = Fleet(
             self, task, self, s.vehicle_timeout, local=self._local, others=s.other_vehicles
         )
         self._reports = Reports(self, core)
+        if found is not None:
+            self._resume(core, *found)
         self._reports.weights()
         self._subscriptions_of_demonstrations = [
             self.create_subscription(Float64MultiArray, "sample", self._on_sample, qos.SAMPLES),
@@ -195,12 +246,29 @@ class LearnerNode(ManagedNode):
             ),
         ]
         self.core = core
-        if s.resume or not s.wait_for_demonstrations:
-            self._ready = True
+        self._ready |= not s.wait_for_demonstrations
+        if self._ready:
             self._act_if_ready()
         else:
             topic = self.resolve_topic_name("sample")
             self.get_logger().info(f"{task.name}: waiting for a demonstration on {topic}")
+
+    def _resume(self, core: Learner, path: Path, content: checkpoint.Content) -> None:
+        """Go on from a checkpoint, the vehicle in this process too."""
+        where = f"checkpoint {path}"
+        checkpoint.restore(content, core, self.settings.learner, where)
+        flight = checkpoint.part(content, "flight", Flight, where)
+        self._ready = flight.ready if flight is not None else core.n_samples > 0
+        if flight is not None:
+            self._loop.recall(flight.loop)
+            self._reports.recall(flight.sums)
+            self._due = flight.due
+        if self.vehicle is not None:
+            memory = checkpoint.part(content, "vehicle", self.vehicle.Memory, where)
+            if memory is not None:
+                self.vehicle.recall(memory)
+        self._saving.keeper().go_on_from(path, content)
+        self.get_logger().info(f"resumed from {path} at step {core.step}")
 
     def _on_conflict(self, text: str) -> None:
         """Somebody says that the task is another one: act and learn no more."""
@@ -230,30 +298,56 @@ class LearnerNode(ManagedNode):
     def transition(self, before: Observation, transition: Transition) -> None:
         """Learn from a step."""
         assert self.core is not None
-        if self.learning and self.core.observe(transition):
+        if not self.learning:
+            return
+        due = self.core.observe(transition)
+        if self._solving is not None:
+            self._since.append(transition)
+        elif due:
             self._update(self.core)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an update must end before anything is answered."""
+        if self._due and self.core is not None:
+            self._due = False
+            self._update(self.core)
+        return self._solving is not None and not self.settings.background
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Act on what was learned so far."""
         assert self.core is not None
-        self._finish_solving(wait=False)
+        if self._solving is not None and self._solving.done():
+            self._finish_solving()
         return self.core.act(observation.state, explore=self.learning)
 
     def answered(self, observation: Observation, source: Source, answer: Any) -> None:
-        """Count the reward, and whether the answer explored."""
+        """Count the reward, and whether the answer explored; save now and then."""
+        assert self.core is not None
         self._reports.answered(observation, source)
+        if self._solving is None and self._saving.due():
+            self._saving.offer(self._snapshot(self.core))
 
     def _update(self, core: Learner) -> None:
-        if not self.settings.background:
-            self._publish_update(update(core))
-        elif self._solving is None:
-            self._solving = self._worker.submit(core.begin_update())
+        """Compute beside this thread, and wait for a moment when the vehicle waits, too."""
+        if self._solving is not None:
+            return
+        self._before, self._since = self._snapshot(core, due=True), []
+        self._solving = beside(core.begin_update())
+        if not self.settings.background and finished(self._solving, MOMENT):
+            self._finish_solving()
 
-    def _finish_solving(self, wait: bool) -> None:
-        if self._solving is not None and (wait or self._solving.done()):
-            assert self.core is not None
-            computed, self._solving = self._solving.result(), None
-            self._publish_update(self.core.finish_update(computed))
+    def _finish_solving(self) -> None:
+        """Take what was computed."""
+        if self._solving is None:
+            return
+        assert self.core is not None
+        solving, self._solving, self._before = self._solving, None, None
+        try:
+            self._publish_update(self.core.finish_update(solving.result()))
+        except Exception as error:  # of whatever learner, for whatever numbers
+            self.get_logger().error(f"update failed, the policy before it stays: {error!r}")
+        self._saving.updated()
 
     def _publish_update(self, update: Update) -> None:
         self._reports.update(update)
@@ -264,6 +358,10 @@ class LearnerNode(ManagedNode):
     # ------------------------------------------------------------ demonstrations
 
     def _on_sample(self, message: Any) -> None:
+        if self._loop.running:
+            if not self._while_flying:
+                self.get_logger().warning("samples of a demonstration come while flying")
+            self._while_flying += 1
         try:
             self._demonstrations.add(message)
         except InputError as error:
@@ -279,7 +377,9 @@ class LearnerNode(ManagedNode):
         """What no message brings about: the end of a demonstration and of learning from it."""
         if self.core is None:
             return
-        self._finish_solving(wait=False)
+        if self._solving is not None and self._solving.done():
+            self._finish_solving()
+            self._loop.go_on()
         if self._pretraining is not None:
             if self._pretraining.done():
                 self._finish_pretraining(self._pretraining)
@@ -301,27 +401,34 @@ class LearnerNode(ManagedNode):
             )
             self._demonstrations.forget_end()
             return text
-        self._finish_solving(wait=True)
         self._loop.stop()
         self.get_logger().info(f"learning offline from {text}")
-        self._pretraining = self._worker.submit(self._pretrain, core, transitions)
+        self._before, self._since = self._snapshot(core), []
+
+        def proceed(share: float) -> bool:
+            self._cut = self._closing or core is not self.core
+            return not self._cut
+
+        self._pretraining = beside(lambda: core.pretrain(transitions, proceed))
         return text
 
-    def _pretrain(self, core: Learner, transitions: Transitions) -> Update:
-        return core.pretrain(transitions, lambda share: not self._closing)
-
     def _finish_pretraining(self, pretraining: Future[Update]) -> None:
-        self._pretraining = None
+        self._pretraining = self._before = None
         self._demonstrations.forget_end()
         try:
             result = pretraining.result()
-        except InputError as error:
-            self.get_logger().error(f"{error}; waiting for another demonstration")
+        except Exception as error:  # of whatever learner, for whatever numbers
+            text = str(error) if isinstance(error, InputError) else repr(error)
+            self.get_logger().error(f"{text}; waiting for another demonstration")
             return
-        self.get_logger().info(result.text)
         self._publish_update(result)
         self._ready = True
+        if self._closing or self.core is None:
+            return
+        self.get_logger().info(result.text)
         self._act_if_ready()
+        if self._saving.wanted:
+            self._saving.offer(self._snapshot(self.core))
 
     # ------------------------------------------------------------ services and parameters
 
@@ -349,11 +456,10 @@ class LearnerNode(ManagedNode):
 
     def _on_load(self, _: Any, response: Any) -> Any:
         try:
-            core = self._idle_core()
-            self._finish_solving(wait=True)
-            path = self._checkpoint()
-            checkpoint.load(path, core, self.settings.learner)
-            self._saved = path
+            core, keeper = self._idle_core(), self._saving.keeper()
+            path, content = keeper.path, checkpoint.read(keeper.path)
+            checkpoint.restore(content, core, self.settings.learner, f"checkpoint {path}")
+            keeper.go_on_from(path, content)
             self._reports.weights()
             self._ready = True
             self._act_if_ready()
@@ -368,24 +474,13 @@ class LearnerNode(ManagedNode):
             raise InputError(f"no vehicle was heard yet on {self.resolve_topic_name('task')}")
         if self._pretraining is not None:
             raise InputError("it is learning from demonstrations; allowed: when that has ended")
+        if not finished(self._solving, MOMENT):
+            raise InputError("an update is being computed; allowed: when that has ended")
+        self._finish_solving()
         return self.core
 
     def _save(self, core: Learner) -> str:
-        if self._pretraining is None:
-            self._finish_solving(wait=True)
-        path = self._checkpoint()
-        if path != self._saved and path.exists():
-            kept = checkpoint.set_aside(path)
-            self.get_logger().warning(f"{path} was there already; it is {kept} now")
-        checkpoint.save(path, core, self.settings.learner)
-        self._saved = path
-        return f"saved {path}"
-
-    def _checkpoint(self) -> Path:
-        name = str(self.get_parameter("checkpoint").value)
-        if not name:
-            raise InputError("parameter checkpoint is empty; allowed: the path of a file")
-        return Path(name).expanduser()
+        return self._saving.keeper().save(self._snapshot(core))
 
     def _on_changed(self, _: Any) -> None:
         if self.core is not None:
@@ -402,24 +497,37 @@ class LearnerNode(ManagedNode):
             return "inactive" if self._ready or not self.active else "waiting for a demonstration"
         return "learning" if self.learning else "acting"
 
-    def _diagnose(self) -> None:
-        level, text = DiagnosticStatus.OK, self._phase()
-        values: dict[str, object] = {"phase": text, "learner": self.settings.learner}
+    def _diagnose(self) -> Report:
+        report = Report(self._phase())
+        report.values["learner"] = self.settings.learner
         if self.core is not None:
-            values |= {
+            loop = self._loop
+            report.values |= {
                 "task": self.core.task.name,
                 "demonstrated samples": len(self._demonstrations),
-                "messages ignored": self._loop.invalid,
-                **{f"samples of {name}": count for name, count in self._loop.counts.items()},
+                "samples that came while flying": self._while_flying,
+                "messages ignored": loop.invalid,
+                **{f"samples of {name}": count for name, count in loop.counts.items()},
+                "observations per second": f"{loop.pulse.rate():.1f}",
+                "in real time they would be": f"{1.0 / self.core.task.sampling_time:.1f}",
+                "steps lost": loop.pulse.lost,
+                "seconds since the last observation": f"{loop.pulse.silence:.1f}",
             }
             condition, worry = self._reports.condition()
-            values |= condition
-            if worry:
-                level, text = DiagnosticStatus.WARN, f"{text}; {worry}"
-        if self._conflict:
-            level, text = DiagnosticStatus.ERROR, self._conflict
-        message = diagnostics(self, "learning", level, text, values)
-        runtime.publish(self._diagnostics_out, message)
+            report.values |= condition
+            report.worry(worry)
+            if loop.running and loop.pulse.silence > max(SILENCE, 5 * self.core.task.sampling_time):
+                report.worry(f"the vehicle has been silent for {loop.pulse.silence:.0f} s")
+            if self._while_flying:
+                report.worry(
+                    f"{self._while_flying} samples came while flying; they are learned from with "
+                    "~/learn_offline alone"
+                )
+        condition, worry = self._saving.condition(time.monotonic())
+        report.values |= condition
+        report.worry(worry, DiagnosticStatus.ERROR)
+        report.worry(self._conflict, DiagnosticStatus.ERROR)
+        return report
 
 
 def main() -> int:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Learner, Source, Update
-from iolspi_ros.core.samples import Observation
+from iolspi_ros.core.samples import Array, Observation
 
 
 class Reports:
@@ -98,34 +97,17 @@ class Reports:
         now = self._node.get_clock().now().nanoseconds
         return (*self._key, *wire.split(now))
 
+    def memory(self) -> Array:
+        """Sums of the episode under way, for a checkpoint."""
+        return np.array([self._score, self._discounted, self._explored], float)
+
+    def recall(self, memory: Array) -> None:
+        """Go on from what `memory` gave."""
+        if memory.shape == (3,):
+            self._score, self._discounted = float(memory[0]), float(memory[1])
+            self._explored = int(memory[2])
+
     def close(self) -> None:
         """Publish nothing more."""
         for publisher in (self._score_out, self._update_out, self._weights_out):
             self._node.destroy_publisher(publisher)
-
-
-def diagnostics(
-    node: Node, what: str, level: bytes, text: str, values: dict[str, object]
-) -> DiagnosticArray:
-    """One status of a node.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    what : str
-        What of it, as in "learner: learning".
-    level : bytes
-        Of DiagnosticStatus.
-    text : str
-    values : dict
-    """
-    message = DiagnosticArray()
-    message.header.stamp = node.get_clock().now().to_msg()
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    name = node.get_fully_qualified_name()[1:]
-    message.status = [
-        DiagnosticStatus(
-            level=level, name=f"{name}: {what}", message=text, hardware_id=name, values=pairs
-        )
-    ]
-    return message

@@ -8,6 +8,8 @@ import os
 import signal
 import sys
 
+from iolspi_ros.environment import no_ros
+from iolspi_ros.leftovers import sweep
 from iolspi_ros.process import prepare
 
 NODES = {
@@ -25,12 +27,21 @@ PARENT = "IOLSPI_PARENT"
 
 
 def start(node: str) -> int:
-    """Import and run a node; until it runs, SIGINT and SIGTERM end the process with 0."""
+    """Import and run a node; until it runs, a signal to end ends the process with 0."""
     follow_parent()
     prepare()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(0))
-    return int(importlib.import_module(NODES[node]).main())
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: os._exit(0))
+    sweep()
+    try:
+        module = importlib.import_module(NODES[node])
+    except ImportError as error:
+        if (said := no_ros(error)) is None:
+            raise
+        print(f"{node}: {said}", file=sys.stderr)
+        return 2
+    return int(module.main())
 
 
 def follow_parent() -> None:

@@ -45,6 +45,9 @@ class Teleop:
     joystick : JoystickSettings
     """
 
+    busy = False
+    """A pilot always has an answer."""
+
     def __init__(
         self,
         node: SamplesOut,

@@ -9,14 +9,11 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import plain
 from iolspi_ros.task.description import Action, Ending, TaskDescription, Variable
+from iolspi_ros.task.plain import parse
 
-LARGEST = 2**20
-"""Bytes of a description at most."""
-_DEEPEST = 20
 _HUGE = 1e300
 _PARTS: dict[str, type[Any]] = {"variables": Variable, "actions": Action, "endings": Ending}
 _WORDS: dict[Any, str] = {
@@ -58,7 +55,7 @@ def load(text: str, where: str) -> TaskDescription:
     InputError
         Naming the place, the field, its value and what is allowed.
     """
-    return make(plain(text, where), where)
+    return make(parse(text, where), where)
 
 
 def make(content: Any, where: str) -> TaskDescription:
@@ -74,23 +71,6 @@ def make(content: Any, where: str) -> TaskDescription:
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     return description
-
-
-def plain(text: str, where: str) -> Any:
-    """What a YAML or JSON text holds, if it is of a reasonable size.
-
-    Raises
-    ------
-    InputError
-        When it is neither.
-    """
-    if len(text) > LARGEST:
-        raise InputError(f"{where} has {len(text)} characters; allowed: at most {LARGEST}")
-    try:
-        return _parse(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{where} is no YAML: {reason}") from None
 
 
 def read(path: Path) -> TaskDescription:
@@ -113,29 +93,9 @@ def read_plain(path: Path) -> Any:
         When it cannot be read, or is neither.
     """
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(LARGEST + 1)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}; allowed: a YAML file") from None
-    return plain(text, str(path))
-
-
-def _parse(text: str) -> Any:
-    """JSON by its own parser, which is many times faster; the rest as YAML without aliases."""
-    if text.lstrip()[:1] == "{":
-        try:
-            return json.loads(text)
-        except json.JSONDecodeError:
-            pass  # YAML's braces, perhaps
-    depth = 0
-    for event in yaml.parse(text, yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            raise ValueError("it has an alias; allowed: none")
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise ValueError(f"it is nested deeper than {_DEEPEST}")
-    return yaml.safe_load(text)
+        return plain.read(path, "a YAML file")
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; allowed: a YAML file") from None
 
 
 def _make(cls: type[Any], content: Any, what: str) -> Any:

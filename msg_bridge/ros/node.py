@@ -19,9 +19,9 @@ from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.reports import diagnostics
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.vehicle_topics import VehicleTopics
+from iolspi_ros.vitals import diagnostics
 from msg_bridge.ros.description import Robot, read_robot
 from msg_bridge.ros.drive import Drive, Phase
 from msg_bridge.ros.wiring import Wiring

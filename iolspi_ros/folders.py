@@ -1,0 +1,89 @@
+"""Folders for results: nothing is deleted or overwritten that this run did not make."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from iolspi_ros import __version__
+from iolspi_ros.errors import InputError
+
+SERIES = tuple(Path("out", name) for name in ("demo", "fly", "learn"))
+"""Places that commands take by themselves: each keeps a numbered folder for every run."""
+LATEST = "latest"
+MARK = "run.txt"
+"""In every folder: which command made it, and when; who makes this file has the folder."""
+
+
+def new_folder(out: Path) -> Path:
+    """A folder of this run alone.
+
+    A place of `SERIES` gets a new folder 1, 2, … inside, and `latest` beside leads there. Any
+    other must not exist, or be empty. Two commands at once never get the same.
+
+    Parameters
+    ----------
+    out : Path
+        What the option `--out` says.
+
+    Raises
+    ------
+    InputError
+        When the place holds something, or cannot be made.
+    """
+    try:
+        return _next_of(out) if out in SERIES else _claimed(out)
+    except OSError as error:
+        raise InputError(
+            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
+        ) from error
+
+
+def _claimed(out: Path) -> Path:
+    out.mkdir(parents=True, exist_ok=True)
+    others = InputError(
+        f"--out {out} holds other files; allowed: a folder that is empty or not there yet"
+    )
+    if any(out.iterdir()):
+        raise others
+    try:
+        _sign(out)
+    except FileExistsError:  # another command had the same thought
+        raise others from None
+    return out
+
+
+def _next_of(series: Path) -> Path:
+    """The next folder of a series, made."""
+    series.mkdir(parents=True, exist_ok=True)
+    numbers = [int(path.name) for path in series.iterdir() if path.name.isdecimal()]
+    number = max(numbers, default=0) + 1
+    while True:
+        folder = series / str(number)
+        try:
+            folder.mkdir()
+            break
+        except FileExistsError:
+            number += 1
+    _sign(folder)
+    _point(series / LATEST, folder.name)
+    return folder
+
+
+def _sign(folder: Path) -> None:
+    text = f"iolspi_ros {__version__}\n{time.strftime('%Y-%m-%d %H:%M:%S %z')}\n{sys.argv}\n"
+    with (folder / MARK).open("x", encoding="utf-8") as file:
+        file.write(text)
+
+
+def _point(link: Path, target: str) -> None:
+    """Let a link lead to the newest; what stands there and is no link stays."""
+    if link.exists() and not link.is_symlink():
+        return
+    other = link.with_name(f".{link.name}.{os.getpid()}")
+    with suppress(OSError):  # a file system without links has the numbers
+        other.symlink_to(target)
+        other.replace(link)

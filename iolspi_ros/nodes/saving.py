@@ -1,0 +1,172 @@
+"""The learner node's checkpoints: its parameters, and one `Keeper` for the place they name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from rcl_interfaces.msg import SetParametersResult
+
+from iolspi_ros import parameters
+from iolspi_ros.core.checkpoint import Content
+from iolspi_ros.core.keeper import Keeper, Snapshot
+from iolspi_ros.core.samples import Array
+from iolspi_ros.errors import InputError
+from iolspi_ros.nodes.control_loop import LoopMemory
+from iolspi_ros.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class SavingSettings(Settings):
+    """Where a learner is saved, and how often."""
+
+    checkpoint: str = setting("", "file to save to, also at the end; empty for none")
+    resume: bool = setting(False, "start from the newest whole checkpoint, if there is one")
+    checkpoint_updates: int = setting(
+        10, "save in the background after so many updates; 0 for never", low=0
+    )
+    checkpoint_seconds: float = setting(
+        10.0, "save in the background after so long [s]; 0.0 for never", low=0.0, high=1e6
+    )
+    checkpoints_kept: int = setting(3, "how many checkpoints to keep", low=1, high=1000)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a learner node must know besides its learner to go on bit by bit the same.
+
+    Attributes
+    ----------
+    loop : LoopMemory
+    sums : ndarray
+        Of `reports.Reports`.
+    due : bool
+        An update is to be made before anything is answered.
+    ready : bool
+        Whether enough was learned to act.
+    """
+
+    loop: LoopMemory
+    sums: Array
+    due: bool
+    ready: bool
+
+
+class Vehicle(Protocol):
+    """A vehicle in this process, which goes on from a checkpoint, too."""
+
+    Memory: type[Any]
+
+    def memory(self) -> Any:
+        """Where it is; None when that cannot be said."""
+        ...
+
+    def recall(self, memory: Any) -> None:
+        """Go on from what `memory` gave."""
+        ...
+
+
+class Saving:
+    """Parameters of the checkpoints, and who keeps them.
+
+    Parameters
+    ----------
+    node : managed.ManagedNode
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self.settings = parameters.declare(node, SavingSettings, ("checkpoint",))
+        self._first = self.settings.checkpoint
+        self._keeper: Keeper | None = None
+        node.add_on_set_parameters_callback(self._check)
+
+    def _check(self, changed: list[Any]) -> SetParametersResult:
+        """Let nobody on the network name a file elsewhere."""
+        for parameter in changed:
+            if parameter.name != "checkpoint" or not parameter.value:
+                continue
+            folder = _folder(self._first)
+            if not self._first or _folder(str(parameter.value)) != folder:
+                where = f"files in {folder}" if self._first else "none: it was started without one"
+                return SetParametersResult(
+                    successful=False, reason=f"checkpoint is {parameter.value}; allowed: {where}"
+                )
+        return SetParametersResult(successful=True)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything is to be saved."""
+        return bool(self._node.get_parameter("checkpoint").value)
+
+    def keeper(self) -> Keeper:
+        """Who keeps the checkpoints in the place that the parameter names now.
+
+        Raises
+        ------
+        InputError
+            When there is none, or nothing can be saved there.
+        """
+        name = str(self._node.get_parameter("checkpoint").value)
+        if not name:
+            raise InputError("parameter checkpoint is empty; allowed: the path of a file")
+        path = Path(name).expanduser()
+        if self._keeper is None or self._keeper.path != path:
+            keeper = Keeper(path, self.settings.checkpoints_kept, self._say)
+            self.close()
+            self._keeper = keeper
+        return self._keeper
+
+    def _say(self, text: str) -> None:
+        self._node.get_logger().warning(text)
+
+    def look_for(self) -> tuple[Path, Content] | None:
+        """What to resume from, with words for people; None for nothing."""
+        keeper = self.keeper()
+        found = keeper.newest()
+        if found is None:
+            self._say(f"resume: no whole checkpoint at {keeper.path}; starting from nothing")
+        return found
+
+    def due(self) -> bool:
+        """Whether the next checkpoint is due."""
+        s = self.settings
+        keeper = self._keeper
+        return keeper is not None and keeper.due(s.checkpoint_updates, s.checkpoint_seconds)
+
+    def updated(self) -> None:
+        """Count an update."""
+        if self._keeper is not None:
+            self._keeper.updated()
+
+    def offer(self, snapshot: Snapshot) -> None:
+        """Have a checkpoint written in the background."""
+        self.keeper().offer(snapshot)
+
+    @property
+    def run(self) -> str:
+        """Name of the series of checkpoints."""
+        return self._keeper.run if self._keeper is not None else ""
+
+    def close(self) -> None:
+        """Let others have the place."""
+        if self._keeper is not None:
+            self._keeper.close()
+            self._keeper = None
+
+    def condition(self, now: float) -> tuple[dict[str, object], str]:
+        """How saving goes, by name, and what is wrong with it; empty for nothing."""
+        keeper = self._keeper
+        if keeper is None:
+            return {"checkpoint": "none"}, ""
+        age = f"{now - keeper.saved:.1f} s" if keeper.saved else "none yet"
+        values: dict[str, object] = {"checkpoint": keeper.path, "age of the last checkpoint": age}
+        if not keeper.failure:
+            return values, ""
+        offered = f"at the end it goes to {keeper.elsewhere().parent}"
+        return values, f"not saved: {keeper.failure}; {offered}"
+
+
+def _folder(path: str) -> Path:
+    return Path(path).expanduser().resolve().parent

@@ -1,0 +1,105 @@
+"""Nothing that is computed keeps a learner from answering, saving and ending."""
+
+import signal
+import time
+
+import pytest
+from conftest import spin_until
+from std_srvs.srv import SetBool
+
+from iolspi_ros import runtime
+from iolspi_ros.core import checkpoint
+from iolspi_ros.resources import find
+
+SLOW = """
+import sys, time
+sys.path.insert(0, {examples!r})
+from q_learning import QLearning
+
+class Slow(QLearning):
+    def begin_update(self):
+        return lambda: time.sleep(600.0)
+
+class Busy(QLearning):
+    def begin_update(self):
+        def compute():
+            while True:
+                pass
+        return compute
+
+class Failing(QLearning):
+    def begin_update(self):
+        return lambda: 1 / 0
+
+class Lasting(QLearning):
+    def pretrain(self, demonstrations, proceed=None):
+        self.weights[:] = 1.0
+        time.sleep(600.0)
+"""
+
+
+@pytest.fixture
+def slow(nodes, tmp_path):
+    examples = find("package.xml").parent / "examples"
+    (tmp_path / "slow.py").write_text(SLOW.format(examples=str(examples / "learner")))
+    path = nodes.env.get("PYTHONPATH", "")
+    nodes.env["PYTHONPATH"] = f"{tmp_path}:{find('package.xml').parent}:{path}"
+    return nodes
+
+
+def arguments(tmp_path, learner, *more):
+    return [
+        "-p", f"learner:learner:=slow:{learner}", "-p", "learner:update_interval:=100",
+        "-p", f"learner:checkpoint:={tmp_path / 'c.npz'}", *more,
+    ]  # fmt: skip
+
+
+def answer(ros, seconds):
+    """A service's answer, within some seconds."""
+    node = ros.create_node("asker")
+    executor = runtime.executor()
+    executor.add_node(node)
+    client = node.create_client(SetBool, "/learner/learn")
+    spin_until(executor, client.service_is_ready)
+    future = client.call_async(SetBool.Request(data=True))
+    spin_until(executor, future.done, seconds)
+    node.destroy_node()
+    return future.result().success
+
+
+@pytest.mark.parametrize("learner", ["Slow", "Busy"])
+@pytest.mark.parametrize("background", ["false", "true"])
+def test_an_update_without_end(slow, ros, tmp_path, learner, background):
+    more = ["-p", "learner:wait_for_demonstrations:=false",
+            "-p", f"learner:background:={background}"]  # fmt: skip
+    slow.start("graph", *arguments(tmp_path, learner, *more))
+    slow.wait_for("graph", "acting on")
+    time.sleep(1.0)
+    assert answer(ros, 10.0)
+    begin = time.monotonic()
+    assert slow.end("graph", signal.SIGTERM) == 0, slow.log("graph")
+    assert time.monotonic() - begin < 5.0  # 2 s on a machine that does nothing else
+    step = checkpoint.read(tmp_path / "c.npz").about["parts"]["learner"]["step"]
+    assert step == 100 if background == "false" else step >= 100
+
+
+def test_an_update_that_fails_is_said_and_the_flight_goes_on(slow, tmp_path):
+    more = ["-p", "learner:wait_for_demonstrations:=false", "-p", "simulator:episodes:=2"]
+    slow.start("graph", *arguments(tmp_path, "Failing", *more))
+    slow.wait_for("graph", "update failed, the policy before it stays: ZeroDivisionError")
+    slow.wait_for("graph", "done: 2 episodes")
+    assert slow.end("graph") == 0
+
+
+def test_half_of_offline_learning_is_not_saved_and_not_flown(slow, tmp_path):
+    bag = find("demos", "pendulum", "set_5")
+    slow.start("graph", *arguments(tmp_path, "Lasting", "-p", f"demonstrator:bags:=[{bag}]"))
+    slow.wait_for("graph", "learning offline from")
+    assert slow.end("graph") == 0
+    content = checkpoint.read(tmp_path / "c.npz")
+    assert not content.arrays["learner.weights"].any()
+    assert content.about["parts"]["flight"]["ready"] is False
+    again = arguments(tmp_path, "Lasting", "-p", "learner:resume:=true")
+    slow.start("graph", *again, name="again")
+    slow.wait_for("again", "waiting for a demonstration")
+    assert slow.end("again") == 0
