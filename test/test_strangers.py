@@ -203,7 +203,8 @@ def test_demonstrator_with_a_strange_learner(graph):
 def test_learner_and_simulator_with_a_strange_demonstrator(graph):
     states = graph.listen("state", JointState)
     actions, updates, weights = map(graph.listen, ("action", "update", "weights"))
-    learner, simulator = graph.start(*LEARNER), graph.start(*SIMULATOR)
+    learner = graph.start(*LEARNER, "-p", "centers:=[11,11]")
+    simulator = graph.start(*SIMULATOR)
     graph.wait_for_publisher("action")
     graph.wait(lambda: len(states) >= 5, "the first state, repeated")
     assert len({message.header.stamp.nanosec for message in states}) == 1

@@ -101,6 +101,8 @@ class LSPISettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not all(low < high for low, high in zip(self.low, self.high, strict=False)):
+            raise InputError(f"low is {self.low}, high {self.high}; allowed: low < high in each")
         if self.low and self.high and self.centers and self.basis != AUTO:
             self.features()  # the grid checks itself
         if self.basis == AUTO and self.algorithm != "refreshed":
