@@ -138,7 +138,7 @@ def test_a_vehicle_that_others_cannot_hear_is_told_so(nodes, node, volatile):
         said.publish(wire.task_message(Pendulum.description))
         node.create_publisher(JointState, "state", qos_profile_sensor_data)
     status, said = nodes.finish(
-        "learner", "-p", "vehicle_timeout:=2.0", "-p", "wait_for_demonstrations:=false"
+        "learner", "-p", "vehicle_timeout:=6.0", "-p", "wait_for_demonstrations:=false"
     )
     assert status == 2
     topic = "/task" if volatile else "/state"
@@ -149,7 +149,7 @@ def test_a_vehicle_that_others_cannot_hear_is_told_so(nodes, node, volatile):
     ("task", "says"),
     [
         ("", "parameter task is empty"),
-        ("nowhere.yaml", "nowhere.yaml cannot be read"),
+        ("nowhere.yaml", "nowhere.yaml does not exist"),
     ],
 )
 def test_without_a_file_it_ends_with_status_2(run_here, task, says):
