@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from iolspi_ros import arguments
 from iolspi_ros.errors import InputError
+from iolspi_ros.task import plain
 
 
 def file(folder, sections, name="p.yaml"):
@@ -91,7 +92,7 @@ def test_only_what_stands_among_the_ros_arguments_counts(tmp_path):
         ("[1, 2]", "is no ROS parameter file"),
         ("learner: 5", "is no ROS parameter file"),
         ("learner: {ros__parameters: 5}", "is no ROS parameter file"),
-        ("#" * (arguments.LARGEST + 1), "has more than"),
+        ("#" * (plain.LARGEST_YAML + 1), r"has \d+ characters; allowed: at most"),
     ],
 )
 def test_a_file_that_is_none_is_named(tmp_path, text, words):

@@ -73,7 +73,7 @@ def test_help_and_version():
         (("demo", "--task", "pendulm"), "--task is 'pendulm'; allowed: pendulum, slung_load"),
         (("demo", "--set", "6"), "--set is 6; allowed: 1 to 5"),
         (("learn", "--seed", "-1"), "Invalid value for '--seed'"),
-        (("record", "--out", "/proc/no"), "bag /proc/no cannot be made"),
+        (("record", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("run", "learner", "-p", "seed:=1"), "would do nothing; allowed: --ros-args"),
         (("demo", "--seconds", "-1"), "--seconds is -1.0; allowed"),
         (("demo", "--episodes", "0"), "--episodes is 0; allowed"),
@@ -121,7 +121,7 @@ def test_learn_leaves_a_policy_and_a_report(tmp_path):
     again = iolspi("learn", *arguments[:-1], tmp_path / "again")
     assert again.returncode == 0
     files = [np.load(folder / "checkpoint.npz") for folder in (out, tmp_path / "again")]
-    np.testing.assert_array_equal(files[0]["weights"], files[1]["weights"])
+    np.testing.assert_array_equal(files[0]["learner.weights"], files[1]["learner.weights"])
 
 
 @pytest.mark.slow

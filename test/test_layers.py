@@ -17,14 +17,16 @@ PACKAGES = ("iolspi_ros", "sim_nodes", "msg_bridge")
 ROOMS = {
     # room: what it is made of; the longest prefix that a module has is its room
     "ground": ("iolspi_ros", "iolspi_ros.errors", "iolspi_ros.settings", "iolspi_ros.registry",
-               "iolspi_ros.process", "sim_nodes", "msg_bridge"),
+               "iolspi_ros.process", "iolspi_ros.environment", "iolspi_ros.leftovers",
+               "iolspi_ros.folders", "iolspi_ros.beside", "sim_nodes", "msg_bridge"),
     "task": ("iolspi_ros.task",),
     "core": ("iolspi_ros.core",),
     "files": ("iolspi_ros.arguments", "iolspi_ros.resources"),
     "tasks": ("sim_nodes.tasks", "sim_nodes.pilots", "sim_nodes.world", "sim_nodes.pictures"),
-    "wire": ("iolspi_ros.wire", "iolspi_ros.cdr", "iolspi_ros.pairing", "iolspi_ros.bags"),
+    "wire": ("iolspi_ros.wire", "iolspi_ros.cdr", "iolspi_ros.pairing", "iolspi_ros.bags",
+             "iolspi_ros.seen"),
     "ros": ("iolspi_ros.qos", "iolspi_ros.parameters", "iolspi_ros.runtime", "iolspi_ros.managed",
-            "iolspi_ros.vehicle_topics", "iolspi_ros.unheard"),
+            "iolspi_ros.vehicle_topics", "iolspi_ros.unheard", "iolspi_ros.vitals"),
     "frames": ("msg_bridge.frames",),
     "autopilot": ("sim_nodes.autopilot",),
     "simulator": ("sim_nodes.simulator", "sim_nodes.markers"),
@@ -43,7 +45,7 @@ BELOW = {
     "ground": set(),
     "task": {"ground"},
     "core": {"ground", "task"},
-    "files": {"ground"},
+    "files": {"ground", "task"},
     "tasks": {"ground", "task", "core"},
     "wire": {"ground", "task", "core", "files"},
     "ros": {"ground", "task", "core", "files", "wire"},
@@ -65,7 +67,6 @@ BELOW["cli"] = {*BELOW["bench"], "bench"}
 EXCEPTIONS = {
     # module: what it alone may import from a room beside or above its own, and why
     "iolspi_ros.nodes.monitor": {"iolspi_ros.experiments.history"},  # what a report needs
-    "msg_bridge.ros.node": {"iolspi_ros.nodes.reports"},  # how /diagnostics are written
 }
 
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs",

@@ -19,7 +19,7 @@ def doctor(
     ] = False,
 ) -> None:
     """Check the installation, the middleware, the clock, memory and disk; status 1 for trouble."""
-    from iolspi_ros import checkup
+    from iolspi_ros.cli import checkup
 
     worst = 0
     for finding in checkup.look(discovery=not offline):

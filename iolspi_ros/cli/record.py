@@ -62,7 +62,12 @@ def record(
 def _beside(out: Path) -> Path:
     """A folder to work in, of this run alone, on the disk where the bag is to be."""
     resources.make_folder(out.resolve().parent)
-    return Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.resolve().parent))
+    try:
+        return Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.resolve().parent))
+    except OSError as error:
+        raise InputError(
+            f"--out {out} cannot be made: {error.strerror}; allowed: a place you may write to"
+        ) from None
 
 
 def _put_in_place(bag: Path, out: Path, work: Path) -> None:
