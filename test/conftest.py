@@ -33,7 +33,7 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 # The machine may be busy with anything, so no example has a deadline.
 SLOW_ONES = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 settings.register_profile("quick", deadline=None, suppress_health_check=SLOW_ONES)
-settings.register_profile("thorough", parent=settings.get_profile("quick"), max_examples=2000)
+settings.register_profile("thorough", parent=settings.get_profile("quick"), max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 

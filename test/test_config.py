@@ -12,6 +12,7 @@ from iolspi_ros.nodes.demonstrator import DemonstratorSettings
 from iolspi_ros.nodes.joystick import JoystickSettings
 from iolspi_ros.nodes.learner import NodeSettings
 from iolspi_ros.nodes.player import PlayerSettings
+from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.nodes.teleop import TeleopSettings
 from iolspi_ros.settings import from_mapping
 from sim_nodes import tasks
@@ -35,8 +36,8 @@ def test_every_parameter_is_one_that_its_node_has(task):
                       tasks.task_class(task)),
         "demonstrator": (Autostart, DemonstratorSettings, TeleopSettings, PlayerSettings,
                          JoystickSettings, PilotSettings),
-        "learner": (Autostart, NodeSettings, LSPI),
-        "beside": (NodeSettings, LSPI),
+        "learner": (Autostart, NodeSettings, SavingSettings, LSPI),
+        "beside": (NodeSettings, SavingSettings, LSPI),
     }  # fmt: skip
     file, sections = read(task)
     assert sections["beside"].pop("label")

@@ -70,7 +70,7 @@ def test_they_fly_through_the_graph_and_go_on_from_a_checkpoint(nodes, installed
         assert nodes.end("simulator") == 0
         assert nodes.end("learner") == 0, nodes.log("learner")
         with np.load(path) as file:
-            steps.append(json.loads(str(file["about"]))["state"]["step"])
+            steps.append(json.loads(str(file["about"]))["parts"]["learner"]["step"])
     assert 0 < steps[0] < steps[1]
 
 

@@ -17,6 +17,7 @@ from iolspi_ros.managed import Autostart
 from iolspi_ros.nodes.demonstrator import DemonstratorSettings
 from iolspi_ros.nodes.learner import NodeSettings
 from iolspi_ros.nodes.player import PlayerSettings
+from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.settings import from_mapping
 from sim_nodes.simulator import SimulatorSettings, TaskChoice
 
@@ -24,7 +25,7 @@ FILE = Path(__file__).parent.parent / "launch" / "learn.launch.py"
 CLASSES = {
     "simulator": (Autostart, TaskChoice, SimulatorSettings),
     "demonstrator": (Autostart, DemonstratorSettings, PlayerSettings),
-    "learner": (Autostart, NodeSettings, learner_class("iolspi").Settings),
+    "learner": (Autostart, NodeSettings, SavingSettings, learner_class("iolspi").Settings),
 }
 
 

@@ -153,12 +153,14 @@ def test_a_refused_transition_ends_nobody(nodes, manager, node):
 
 
 def test_a_configuration_that_is_refused_can_be_mended(nodes, manager, tmp_path):
-    nodes.start("learner", "-p", "autostart:=never", "-p", "resume:=true")
+    taken, free = tmp_path / "c.npz", tmp_path / "d.npz"
+    taken.mkdir()
+    nodes.start("learner", "-p", "autostart:=never", "-p", f"checkpoint:={taken}")
     manager.until_state("learner", UNCONFIGURED)
     assert not manager.change("learner", CONFIGURE)
-    nodes.wait_for("learner", "parameter checkpoint is empty; allowed: the path of a file")
+    nodes.wait_for("learner", f"checkpoint {taken}")
     assert manager.state("learner") == UNCONFIGURED
-    assert manager.set("learner", checkpoint=str(tmp_path / "c.npz"))[0].successful
+    assert manager.set("learner", checkpoint=str(free))[0].successful
     assert manager.change("learner", CONFIGURE)
     assert manager.state("learner") == INACTIVE
     assert nodes.end("learner") == 0
@@ -186,7 +188,7 @@ def test_two_vehicles_that_contradict_each_other_teach_nothing(nodes, manager):
     manager.be_vehicle(SlungLoad.description)
     manager.until(lambda: diagnosed(manager)[-1:] and diagnosed(manager)[-1][0] == b"\x02")
     text = diagnosed(manager)[-1][1]
-    assert "name is pendulum here and slung_load there" in text
+    assert "name is 'pendulum' here and 'slung_load' there" in text
     assert "sampling_time is 0.005 here and 0.1 there" in text
     assert "here: the vehicle; there: another message on /task" in text
     assert manager.silent("action")

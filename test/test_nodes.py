@@ -158,7 +158,7 @@ def test_learning_in_real_time_with_solves_beside(nodes, peer):
     nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=2.0")
     nodes.start(
         "learner", *AT_ONCE, "-p", "background:=true", "-p", "update_interval:=100",
-        "-p", "delta:=1.0",
+        "-p", "delta:=1.0", "-p", "centers:=[11,11]",
     )  # fmt: skip
     peer.until(lambda: len(peer.heard["score"]) >= 2 and len(peer.heard["update"]) >= 3)
     rows = wire.Rows("update", wire.UPDATE)

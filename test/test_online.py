@@ -265,7 +265,7 @@ def test_a_save_that_fails_leaves_the_one_before(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
+    monkeypatch.setattr(np.lib.format, "write_array", full)
     with pytest.raises(InputError, match="No space left"):
         checkpoint.save(path, learner(3), "iolspi")
     assert path.read_bytes() == before
