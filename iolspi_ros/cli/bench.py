@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import bar, console
 from iolspi_ros.errors import check_choice
 

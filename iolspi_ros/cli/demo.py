@@ -9,7 +9,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import Follower, fresh
 from iolspi_ros.cli.progress import baseline, console

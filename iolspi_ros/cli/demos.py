@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import console
 from iolspi_ros.cli.selecting import RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError

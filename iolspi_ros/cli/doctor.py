@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import console
 
 MARKS = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]", "bad": "[red]bad[/red]"}

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.flight_plan import (
     EMBEDDED,
     TASK,

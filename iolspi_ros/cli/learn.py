@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import bar, baseline, console

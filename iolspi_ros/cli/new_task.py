@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import console
 from iolspi_ros.errors import InputError, check_choice
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from iolspi_ros import resources
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import bar, console
 from iolspi_ros.errors import InputError
 

@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from iolspi_ros.cli import app
+from iolspi_ros.cli.app import app
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.start import NODES, start
 
