@@ -37,6 +37,24 @@ settings.register_profile("thorough", parent=settings.get_profile("quick"), max_
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+for _number in ENDS:  # a shell's background job ignores some, and every child would inherit that
+    signal.signal(
+        _number, signal.SIG_DFL if _number != signal.SIGINT else signal.default_int_handler
+    )
+
+
+@pytest.fixture(autouse=True)
+def as_it_was():
+    """Commands and nodes that run in this process leave no variable and no signal changed."""
+    environment, handlers = dict(os.environ), [signal.getsignal(number) for number in ENDS]
+    yield
+    os.environ.clear()
+    os.environ.update(environment)
+    for number, handler in zip(ENDS, handlers, strict=True):
+        signal.signal(number, handler)
+
+
 def pytest_unconfigure():
     if MADE_CACHE:
         shutil.rmtree(os.environ["NUMBA_CACHE_DIR"], ignore_errors=True)
@@ -207,14 +225,8 @@ def run_here(domain, monkeypatch, capfd):
     def run(node, *arguments):
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setattr(sys, "argv", [node, "--ros-args", *map(str, arguments)])
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        before = [signal.getsignal(number) for number in numbers]
         capfd.readouterr()
-        try:
-            status = importlib.import_module(NODES[node]).main()
-        finally:
-            for number, handler in zip(numbers, before, strict=True):
-                signal.signal(number, handler)
+        status = importlib.import_module(NODES[node]).main()
         said = capfd.readouterr()
         return status, said.out + said.err
 

@@ -211,11 +211,7 @@ def test_a_learner_that_is_killed_and_started_again_flies_on(nodes, sitl, actor)
 def finish(monkeypatch, domain):
     """Run the bridge in this process to its own end; its status."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.getsignal(number) for number in numbers]
-    yield lambda *arguments: runtime.main(Bridge, "bridge", ["bridge", "--ros-args", *arguments])
-    for number, handler in zip(numbers, before, strict=True):
-        signal.signal(number, handler)
+    return lambda *arguments: runtime.main(Bridge, "bridge", ["bridge", "--ros-args", *arguments])
 
 
 @pytest.mark.parametrize(
