@@ -44,10 +44,19 @@ for _number in ENDS:  # a shell's background job ignores some, and every child w
     )
 
 
+def _domain():
+    """One that nobody is in; workers that begin at once have others."""
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    while (found := free_domain()) % workers != WORKER % workers:
+        pass
+    return found
+
+
 @pytest.fixture(autouse=True)
 def as_it_was():
-    """Commands and nodes that run in this process leave no variable and no signal changed."""
+    """A ROS domain for each test, and no variable and no signal changed by those before it."""
     environment, handlers = dict(os.environ), [signal.getsignal(number) for number in ENDS]
+    os.environ["ROS_DOMAIN_ID"] = str(_domain())
     yield
     os.environ.clear()
     os.environ.update(environment)
@@ -133,11 +142,8 @@ class Nodes:
 
 @pytest.fixture
 def domain():
-    """A ROS domain of this test's own; workers that begin at once have others."""
-    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    while (found := free_domain()) % workers != WORKER % workers:
-        pass
-    return found
+    """A ROS domain of this test's own."""
+    return int(os.environ["ROS_DOMAIN_ID"])
 
 
 @pytest.fixture

@@ -81,6 +81,7 @@ def test_another_vehicle_is_refused_with_both_sides_named(nodes, installed, tmp_
                   cwd=tmp_path).returncode == 0  # fmt: skip
     shutil.copy(next((tmp_path / "out").rglob("checkpoint.npz")), path)
     nodes.start("simulator", "-p", "task:=pendulum")
+    nodes.wait_for("simulator", "pendulum in lockstep")
     status, said = nodes.finish(
         "learner", "-p", f"checkpoint:={path}", "-p", "resume:=true",
     )  # fmt: skip
