@@ -1,7 +1,7 @@
 PYTEST = .venv/bin/python -m pytest -n auto --maxprocesses 8 --dist worksteal
 PROPERTIES = $(shell grep -l '^from hypothesis import' test/test_*.py)
 
-.PHONY: demo test test-all mutants bench clean
+.PHONY: demo test test-all properties mutants bench clean
 
 demo: ## learn to swing up a pendulum from demonstrations, on a real ROS 2 graph
 	@scripts/venv.sh run
@@ -14,9 +14,12 @@ test: ## lint, types, and all tests that are quick
 	.venv/bin/mypy
 	$(PYTEST) -m 'not slow'
 
-test-all: ## the slow tests, and many more examples of each property
+test-all: ## the slow tests
 	@scripts/venv.sh test
 	$(PYTEST) -m slow --timeout 900
+
+properties: ## many more examples of each property
+	@scripts/venv.sh test
 	HYPOTHESIS_PROFILE=thorough $(PYTEST) -m 'not slow' --timeout 900 $(PROPERTIES)
 
 mutants: ## change single lines and see which tests notice; docs/quality.md keeps what it prints

@@ -121,9 +121,7 @@ def learned():
     """IOLSPI: taught by a shipped set, then 500 episodes on the model (seconds)."""
     world, learner, _ = prepare("slung_load", find("config", "slung_load.yaml"), 0)
     bag = find("demos", "slung_load", "set_5")
-    learner.pretrain(
-        read_demonstration(bag, "slung_load", world.task.description.joints).transitions(4)
-    )
+    learner.pretrain(read_demonstration(bag, world.task.description).transitions())
     train(world, learner, 500, Listener())
     return lambda seen: learner.act(seen.state, explore=False)[0]
 
