@@ -25,19 +25,29 @@ PATIENCE = 5.0
 """Seconds that a node has to end by itself; ours need less than two."""
 
 
+PARTICIPANTS = 20
+"""Of a domain that are looked for."""
+
+
+def _free_port(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return False
+    return True
+
+
 def free_domain() -> int:
     """A ROS domain in which nobody on this machine is.
 
-    The first participant of domain N listens on UDP port 7410 + 250 N (the DDSI-RTPS standard).
+    Participant k of domain N listens on UDP port 7410 + 250 N + 2 k (the DDSI-RTPS standard); the
+    first may have ended while others go on.
     """
     domains = list(range(1, 102))  # those whose ports lie below Linux' ephemeral ones
     random.SystemRandom().shuffle(domains)
     for domain in domains:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("", 7410 + 250 * domain))
-            except OSError:
-                continue
+        if all(_free_port(7410 + 250 * domain + 2 * k) for k in range(PARTICIPANTS)):
             return domain
     raise InputError("every ROS domain from 1 to 101 is in use on this machine; allowed: set one")
 
