@@ -181,7 +181,7 @@ def n_starts(vehicle: Any) -> int:
 
 def advance(
     one: Callable[..., tuple[float, bool]],
-    many: Callable[..., tuple[Array, Array, NDArray[np.bool_]]],
+    many: Callable[..., None],
     state: Array,
     action: NDArray[np.int64] | int,
     noise: Array | float,
@@ -189,11 +189,17 @@ def advance(
 ) -> tuple[Array, Any, Any]:
     """Step one state or many with a task's compiled dynamics.
 
-    `one` is `Task.compiled`; `many` the generalised ufunc around it, which is several times
-    slower for a single state.
+    `one` is `Task.compiled`, `many` the loop around it. (A generalised ufunc would do for both,
+    but numba keeps it in two files, and processes that start together mix them up and crash:
+    numba/numba, issue 10128.)
     """
-    if state.ndim > 1:
-        return many(state, action, noise, parameters)
     next_state = np.empty(state.shape)
-    reward, terminated = one(state, int(action), float(noise), parameters, next_state)
-    return next_state, reward, terminated
+    if state.ndim == 1:
+        reward, terminated = one(state, int(action), float(noise), parameters, next_state)
+        return next_state, reward, terminated
+    n = len(state)
+    actions, noises = np.empty(n, np.int64), np.empty(n)
+    actions[:], noises[:] = action, noise
+    rewards, ended = np.empty(n), np.empty(n, np.bool_)
+    many(np.ascontiguousarray(state), actions, noises, parameters, next_state, rewards, ended)
+    return next_state, rewards, ended

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import guvectorize, njit
+from numba import njit
 from numpy.typing import NDArray
 
 from sim_nodes.tasks.base import G
@@ -57,17 +57,18 @@ def step(
     return (-1.0 if fell else 0.0), fell
 
 
-@guvectorize(
-    ["void(f8[:], i8, f8, f8[:], f8[:], f8[:], b1[:])"], "(d),(),(),(p)->(d),(),()", cache=True
-)
+@njit(cache=True)
 def steps(
-    state: Array,
-    action: int,
-    noise: float,
+    states: Array,
+    actions: NDArray[np.int64],
+    noise: Array,
     parameters: Array,
-    next_state: Array,
-    reward: Array,
+    next_states: Array,
+    rewards: Array,
     terminated: NDArray[np.bool_],
 ) -> None:
-    """`step` of many states at once, as a generalised ufunc."""
-    reward[0], terminated[0] = step(state, action, noise, parameters, next_state)
+    """`step` of many states, shape (n, n_dims)."""
+    for n in range(len(states)):
+        rewards[n], terminated[n] = step(
+            states[n], actions[n], noise[n], parameters, next_states[n]
+        )

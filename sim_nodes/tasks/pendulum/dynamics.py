@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import guvectorize, njit
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -60,20 +60,21 @@ def step(
     return -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * chosen * chosen), False
 
 
-@guvectorize(
-    ["void(f8[:], i8, f8, f8[:], f8[:], f8[:], b1[:])"], "(d),(),(),(p)->(d),(),()", cache=True
-)
+@njit(cache=True)
 def steps(
-    state: Array,
-    action: int,
-    noise: float,
+    states: Array,
+    actions: NDArray[np.int64],
+    noise: Array,
     parameters: Array,
-    next_state: Array,
-    reward: Array,
+    next_states: Array,
+    rewards: Array,
     terminated: NDArray[np.bool_],
 ) -> None:
-    """`step` of many states at once, as a generalised ufunc."""
-    reward[0], terminated[0] = step(state, action, noise, parameters, next_state)
+    """`step` of many states, shape (n, n_dims)."""
+    for n in range(len(states)):
+        rewards[n], terminated[n] = step(
+            states[n], actions[n], noise[n], parameters, next_states[n]
+        )
 
 
 def parameters(gravity: float) -> Array:
