@@ -1,8 +1,9 @@
 """What killed processes left in shared memory, and who of them may be forgotten.
 
 Fast DDS puts segments and ports into /dev/shm and locks each as long as somebody uses it; a killed
-process loses its locks and leaves the files. Those that nobody has locked, of this user and not
-fresh, are in nobody's way but the disk's.
+process loses its locks and leaves the files. Segments that nobody has locked, of this user and not
+fresh, are in nobody's way but the disk's. Ports stay: their names come again, and one that goes
+while a process opens it leaves that process deaf; they are small, and few.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 SHARED_MEMORY = Path("/dev/shm")
-_LOCK = re.compile(r"fastrtps_[0-9a-z]+_[es]l")
+_LOCK = re.compile(r"fastrtps_[0-9a-f]{16}_[es]l")
 _YOUNG = 10.0
 """Seconds during which a file may be one whose lock is still to come."""
 

@@ -1,17 +1,14 @@
 """What every test has: a numba cache of this run, hypothesis' profiles, nodes, and a graph."""
 
 import contextlib
-import fcntl
 import importlib
 import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -69,20 +66,6 @@ def pytest_unconfigure():
         shutil.rmtree(os.environ["NUMBA_CACHE_DIR"], ignore_errors=True)
 
 
-def sweep_shared_memory():
-    """Remove what Fast DDS' killed processes left in shared memory: nobody holds its lock."""
-    for lock in Path("/dev/shm").glob("fastrtps_*_[es]l"):
-        try:
-            with lock.open("ab") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            continue  # in use, or gone
-        segment = lock.with_name(re.sub("_[es]l$", "", lock.name))
-        for path in (segment, lock, lock.with_name(f"sem.{segment.name}_mutex")):
-            with contextlib.suppress(OSError):
-                path.unlink()
-
-
 class Nodes:
     """Our nodes as processes of one domain."""
 
@@ -90,7 +73,6 @@ class Nodes:
         own = {"ROS_DOMAIN_ID": str(domain), "XDG_CACHE_HOME": str(folder / "cache")}
         self.folder, self.env = folder, os.environ | own
         self.processes = {}
-        self.killed = False
 
     def start(self, node, *arguments, name=None):
         log = (self.folder / f"{name or node}.log").open("wb")
@@ -114,7 +96,6 @@ class Nodes:
         """Exit status, which it must have soon."""
         process = self.processes.pop(name)
         process.send_signal(number)
-        self.killed |= number == signal.SIGKILL
         try:
             return process.wait(deadline)
         finally:
@@ -130,14 +111,9 @@ class Nodes:
         return status, self.log(node)
 
     def close(self):
-        killed = False
         for process in self.processes.values():
-            if process.poll() is None:
-                process.kill()
-                killed = True
-            killed |= process.wait() == -signal.SIGKILL
-        if killed or self.killed:
-            sweep_shared_memory()
+            process.kill()
+            process.wait()
 
 
 @pytest.fixture

@@ -68,16 +68,18 @@ def test_what_is_wrong_with_the_environment_is_said(tmp_path):
 
 
 def test_only_what_nobody_holds_is_swept(tmp_path):
-    for name in ("fastrtps_0a", "fastrtps_0a_el", "sem.fastrtps_0a_mutex", "other_el", "mine"):
+    segment, port = "fastrtps_0123456789abcdef", "fastrtps_port7411"
+    left = {"other_el", "mine", port, f"{port}_el", f"sem.{port}_mutex"}
+    for name in (segment, f"{segment}_el", f"sem.{segment}_mutex", *left):
         (tmp_path / name).write_bytes(b"x" * 100)
     assert leftovers.sweep(tmp_path) == 0  # too young
     for path in tmp_path.iterdir():
         os.utime(path, (0, 0))
     hold = "import fcntl, sys, time; f = open(sys.argv[1]); fcntl.flock(f, 1); print(1, flush=True)"
-    command = [sys.executable, "-c", f"{hold}; time.sleep(60)", str(tmp_path / "fastrtps_0a_el")]
+    command = [sys.executable, "-c", f"{hold}; time.sleep(60)", str(tmp_path / f"{segment}_el")]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as holder:
         holder.stdout.readline()
         assert leftovers.sweep(tmp_path) == 0
         holder.kill()
     assert leftovers.sweep(tmp_path) == 300
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "other_el"]
+    assert {path.name for path in tmp_path.iterdir()} == left

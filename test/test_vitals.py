@@ -30,7 +30,10 @@ class Listener:
             status = self.said.get(name)
             return status and status.level == level and words in status.message
 
-        spin_until(self.executor, heard)
+        try:
+            spin_until(self.executor, heard)
+        except AssertionError:
+            raise AssertionError(f"{name} never said {words!r}; heard: {self.said}") from None
         status = self.said[name]
         assert status.hardware_id
         return {pair.key: pair.value for pair in status.values}
