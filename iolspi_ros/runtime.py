@@ -146,7 +146,8 @@ def main(
             signal.signal(number, signal.SIG_IGN)
         for node in (node for one in made for node in _nodes(one)):
             status = max(status, _put_away(node, name))
-        rclpy.try_shutdown()
+        with contextlib.suppress(RCLError):  # rclpy's handler of a late signal was first
+            rclpy.try_shutdown()
     if computing():  # nobody waits for that any more, and an orderly end would
         sys.stdout.flush()
         sys.stderr.flush()
