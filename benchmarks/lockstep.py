@@ -108,16 +108,18 @@ def ping_pong() -> float:
 
 
 def ours(composed: bool) -> float:
-    """Steps per second of simulator and learner, in one process or two."""
+    """Steps per second of simulator and learner of config/pendulum.yaml, in one process or two."""
+    config = resources.find("config", "pendulum.yaml")
     learner = {"wait_for_demonstrations": False, "vehicle_timeout": 60.0}
     simulator = {"episodes": STEPS // 300}
     with tempfile.TemporaryDirectory() as folder, graph.Graph(Path(folder)) as nodes:
         if composed:
             both = {f"learner:{name}": value for name, value in learner.items()}
-            nodes.start("graph", both | {f"simulator:{n}": value for n, value in simulator.items()})
+            both |= {f"simulator:{name}": value for name, value in simulator.items()}
+            nodes.start("graph", both, config)
         else:
-            nodes.start("learner", learner)
-            nodes.start("simulator", simulator)
+            nodes.start("learner", learner, config)
+            nodes.start("simulator", simulator, config)
         log = Path(folder) / ("graph.log" if composed else "simulator.log")
         while not (found := re.search(r"([\d.]+) steps/s", log.read_text())):
             nodes.check()
