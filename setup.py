@@ -37,6 +37,7 @@ setup(
         "cluster": ["distributed"],
         "bench": ["mushroom-rl==1.10.2"],
         "gymnasium": ["gymnasium[box2d]>=1.0"],
+        "minari": ["minari[hdf5]>=0.5.3"],
     },
     zip_safe=True,
     description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",

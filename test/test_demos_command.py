@@ -9,11 +9,14 @@ import yaml
 from test_any_bag import TASK, flight, samples, write
 
 from iolspi_ros import bags, cli
+from iolspi_ros.bags.export import write_bag
 from iolspi_ros.bags.survey import oddities
+from iolspi_ros.core.learner import Source
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from iolspi_ros.task import load
 from msg_bridge.ros.description import read_robot
+from sim_nodes.tasks.pendulum import Pendulum
 
 SET_1 = str(find("demos", "pendulum", "set_1"))
 
@@ -177,3 +180,94 @@ def test_a_new_robot_and_a_new_environment_are_read(iolspi, tmp_path):
 @pytest.mark.parametrize("name", ["My-Boat", "3d", "../boat"])
 def test_a_name_that_is_none_is_refused(iolspi, tmp_path, name):
     assert iolspi("new-task", name, "--out", tmp_path)[0] == 2
+
+
+# ---------------------------------------------------------------- Minari, corrupt
+
+
+@pytest.fixture
+def datasets(tmp_path, monkeypatch):
+    """Minari, with a place of its own."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+    return pytest.importorskip("minari")
+
+
+def same(one, other):
+    assert [(s.episode, s.step, s.stamp, s.source) for s in one] == [
+        (s.episode, s.step, s.stamp, s.source) for s in other
+    ]
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_equal(a.transition, b.transition)
+
+
+@pytest.mark.parametrize("gap", [False, True])
+def test_minari_reads_what_was_written_and_so_do_we(iolspi, tmp_path, datasets, gap):
+    about = TASK
+    found = bags.read_demonstration(find("demos", "pendulum", "set_1"), about)
+    kept = [s for s in found.samples[:900] if not (gap and 100 <= s.step < 110)]
+    bag, again = tmp_path / "bag", tmp_path / "again"
+    write_bag(bag, kept, about)
+    assert iolspi("demos", "export", bag, "--out", "minari:pendulum/set1-v0")[0] == 0
+    theirs = datasets.load_dataset("pendulum/set1-v0")
+    assert theirs.total_steps == len(kept)
+    assert theirs.total_episodes == (6 if gap else 3)
+    first = next(iter(theirs.iterate_episodes()))
+    np.testing.assert_array_equal(first.observations[0], kept[0].transition.state)
+    assert iolspi("demos", "import", "minari:pendulum/set1-v0", "--out", again)[0] == 0
+    same(bags.read_demonstration(again, about).samples, kept)
+    status, said = iolspi("demos", "export", bag, "--out", "minari:pendulum/set1-v0")
+    assert (status, "already exists" in said) == (2, True)
+
+
+def test_another_s_dataset_is_imported(iolspi, tmp_path, datasets):
+    """Collected by Minari's own recorder from an environment; its actions begin at 1."""
+    gymnasium = pytest.importorskip("gymnasium")
+    from minari.data_collector import EpisodeBuffer
+
+    states = np.arange(10.0).reshape(5, 2)
+    buffer = EpisodeBuffer(
+        id=0, observations=states, actions=np.array([1, 2, 3, 1]), rewards=[1.0, 2.0, 3.0, 4.0],
+        terminations=[False] * 3 + [True], truncations=[False] * 4,
+    )  # fmt: skip
+    datasets.create_dataset_from_buffers(
+        "their/own-v0", [buffer], action_space=gymnasium.spaces.Discrete(3, start=1),
+        observation_space=gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float64),
+    )  # fmt: skip
+    out = tmp_path / "out"
+    status, said = iolspi("demos", "import", "minari:their/own-v0", "--out", out)
+    assert (status, "--task" in said) == (2, True)
+    status, said = iolspi(
+        "demos", "import", "minari:their/own-v0", "--out", out, "--task", "slung_load"
+    )
+    assert (status, "4 variables, 4 actions" in said) == (2, True)
+    command = ("demos", "import", "minari:their/own-v0", "--out", out, "--task", "pendulum")
+    assert iolspi(*command)[0] == 0
+    found = bags.read_demonstration(out, TASK).transitions()
+    np.testing.assert_array_equal(found.state, states[:-1])
+    np.testing.assert_array_equal(found.next_state, states[1:])
+    assert found.action.tolist() == [0, 1, 2, 0]
+    assert found.terminated.tolist() == [False, False, False, True]
+
+
+@pytest.mark.parametrize("name", ["minari:nothing/here-v0", "minari:../x", "here", "minari:"])
+def test_a_dataset_that_is_not_there_is_refused(iolspi, tmp_path, datasets, name):
+    assert iolspi("demos", "import", name, "--out", tmp_path / "out")[0] == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_corrupted_samples_are_what_the_model_does(iolspi, tmp_path):
+    out = tmp_path / "out"
+    assert iolspi("demos", "corrupt", SET_1, "--out", out, "--share", "0.5")[0] == 0
+    before = bags.read_demonstration(find("demos", "pendulum", "set_1"), TASK).samples
+    after = bags.read_demonstration(out, TASK).samples
+    changed = [s for s in after if s.source == Source.CORRUPTED]
+    assert 0.45 < len(changed) / len(after) < 0.55
+    model = Pendulum()
+    for sample in changed[::100]:
+        t = sample.transition
+        expected, reward, _ = model.step(t.state, t.action)
+        np.testing.assert_array_equal(t.next_state, expected)
+        assert t.reward == reward
+    kept = [n for n, s in enumerate(after) if s.source != Source.CORRUPTED]
+    same([after[n] for n in kept], [before[n] for n in kept])
+    assert iolspi("demos", "corrupt", SET_1, "--out", tmp_path / "no", "--share", "1.5")[0] == 2

@@ -1,4 +1,4 @@
-"""`iolspi demos`: look at bags of demonstrations, check, join, divide and export them."""
+"""`iolspi demos`: look at bags of demonstrations, check, change and export copies of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from iolspi_ros.core.samples import Sample
     from iolspi_ros.task import TaskDescription
 
-demos = typer.Typer(help="Look at bags of demonstrations, check, join, divide and export them.")
+demos = typer.Typer(help="Look at bags of demonstrations, check, change and export copies of them.")
 app.add_typer(demos, name="demos", no_args_is_help=True)
 
 BAG = Annotated[Path, typer.Argument(help="A rosbag2 directory, or one file of it.")]
@@ -204,21 +204,77 @@ def relabel(
 
 
 @demos.command()
-def export(
-    bag: BAG, out: OUT, task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0,
-    topics: TOPICS = None,
+def corrupt(
+    bag: BAG, out: OUT,
+    share: Annotated[float, typer.Option(min=0.0, max=1.0, help="Of the samples.")] = 0.33,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0, topics: TOPICS = None,
 ) -> None:  # fmt: skip
-    """Write the samples as a table (.csv) or as arrays (.npz)."""
-    from iolspi_ros.bags.export import write_csv, write_npz
+    """Give samples a random action and what the task's model does with it (T Table 1)."""
+    import numpy as np
 
-    writers = {".csv": write_csv, ".npz": write_npz}
-    if out.suffix not in writers:
-        raise InputError(f"--out is {out}; allowed: a name that ends in .csv or .npz")
-    if out.exists():
-        raise InputError(f"--out {out} exists already; allowed: a file that is not there yet")
+    from iolspi_ros.experiments.samplesets import corrupted
+    from sim_nodes.tasks import task_class
+    from sim_nodes.tasks.base import Stateful
+
     found = _read(bag, task, vehicle, run, topics)
-    writers[out.suffix](out, found)
+    model = task_class(task or found.task.name)()
+    if isinstance(model, Stateful):
+        raise InputError(f"task {found.task.name} has no model; allowed: one whose step is known")
+    model.description.check_same(found.task, "the model", f"bag {bag}")
+    samples = list(corrupted(found.samples, model, share, np.random.default_rng(seed)))
+    _write(out, samples, found.task, found.card | {"corruption": share, "seed": seed})
+    console.print(f"{out}: {len(samples)} samples")
+
+
+@demos.command()
+def export(
+    bag: BAG,
+    out: Annotated[str, typer.Option(help="A new .csv or .npz file, or minari:NAME/SET-v0.")],
+    task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0, topics: TOPICS = None,
+) -> None:  # fmt: skip
+    """Write the samples as a table (.csv), as arrays (.npz) or as a dataset of Minari."""
+    from iolspi_ros.bags.export import write_csv, write_npz
+    from iolspi_ros.bags.minari import write_minari
+
+    if dataset := _dataset(out):
+        found = _read(bag, task, vehicle, run, topics)
+        write_minari(dataset, found)
+    else:
+        path, writers = Path(out), {".csv": write_csv, ".npz": write_npz}
+        if path.suffix not in writers:
+            raise InputError(
+                f"--out is {out}; allowed: a name that ends in .csv or .npz, or minari:NAME/SET-v0"
+            )
+        if path.exists():
+            raise InputError(f"--out {out} exists already; allowed: a file that is not there yet")
+        found = _read(bag, task, vehicle, run, topics)
+        writers[path.suffix](path, found)
     console.print(f"{out}: {len(found.samples)} samples")
+
+
+@demos.command("import")
+def import_(
+    dataset: Annotated[str, typer.Argument(help="minari:NAME/SET-v0, on this machine.")],
+    out: OUT,
+    task: Annotated[str, typer.Option(help=f"{TASK} Else what the dataset says.")] = "",
+) -> None:
+    """Make a bag of a dataset of Minari."""
+    from iolspi_ros.bags.minari import read_minari
+
+    name = _dataset(dataset)
+    if not name:
+        raise InputError(
+            f"dataset is {dataset!r}; allowed: minari: and its name, as minari:boat/me-v0"
+        )
+    samples, about = read_minari(name, task_of(task, out) if task else None)
+    _write(out, samples, about, {"pilot": f"Minari's dataset {name}"})
+    console.print(f"{out}: {len(samples)} samples")
+
+
+def _dataset(text: str) -> str:
+    """The name after `minari:`, if it is that."""
+    return text.removeprefix("minari:") if text.startswith("minari:") else ""
 
 
 def _write(path: Path, samples: list[Sample], task: TaskDescription, card: dict[str, Any]) -> None:

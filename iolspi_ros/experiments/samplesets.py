@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +11,14 @@ import numpy as np
 
 from iolspi_ros import resources
 from iolspi_ros.bags import read_demonstration
-from iolspi_ros.core.samples import Observation, Transitions, transition_between
+from iolspi_ros.core.learner import Source
+from iolspi_ros.core.samples import (
+    Observation,
+    Sample,
+    Transition,
+    Transitions,
+    transition_between,
+)
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
@@ -98,6 +106,35 @@ def demonstrate(task: Task, mode: str, corruption: float, seed: int) -> Transiti
         )
 
     return _flown(task, np.random.default_rng([seed, 0]), choose)
+
+
+def corrupted(
+    samples: Iterable[Sample], task: Task, share: float, rng: np.random.Generator
+) -> Iterator[Sample]:
+    """Samples of which some have a random action (T Table 1), and what the model does with it.
+
+    T corrupts while the vehicle is flown; here each step is changed by itself, from the state that
+    it had, so that the next one no longer begins where it ends.
+
+    Parameters
+    ----------
+    samples : iterable of Sample
+    task : Task
+        The model.
+    share : float
+        Probability that a sample is changed.
+    rng : numpy.random.Generator
+    """
+    for sample in samples:
+        if rng.random() >= share:
+            yield sample
+            continue
+        state = sample.transition.state
+        action = int(rng.integers(task.description.n_actions))
+        after, reward, ended = task.step(state, action, sample.stamp / 1e9)
+        cut = sample.transition.truncated and not ended
+        changed = Transition(state, action, float(reward), after, bool(ended), cut)
+        yield replace(sample, transition=changed, source=Source.CORRUPTED)
 
 
 def _flown(
