@@ -1,8 +1,11 @@
-"""One vehicle and its learner, from config/TASK.yaml.
+"""Vehicles and who learns from them, from config/TASK.yaml.
 
 ros2 launch iolspi_ros learn.launch.py task:=slung_load demonstration:=2 mode:=realtime
 ros2 launch iolspi_ros learn.launch.py namespace:=v1 joystick:=true record:=my_set
+ros2 launch iolspi_ros learn.launch.py vehicles:=3 learners:=one
 """
+
+from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -20,32 +23,59 @@ ARGUMENTS = {
     "record": ("", "bag to record a demonstration by joystick to"),
     "seed": ("0", "of simulator and learner"),
     "checkpoint": ("", "file to save to"),
-    "namespace": ("", "of all three nodes"),
+    "namespace": ("", "of all nodes"),
+    "vehicles": ("1", "how many; with more than one they are in NAMESPACE/v1, NAMESPACE/v2, …"),
+    "learners": ("each", "each vehicle has a learner of its own, or one learns from all"),
 }
 
 
 def nodes(context):
     chosen = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    n, space = int(chosen["vehicles"]), chosen["namespace"].strip("/")
+    if n < 1 or chosen["learners"] not in ("each", "one"):
+        raise ValueError(
+            f"vehicles:={n} learners:={chosen['learners']}; allowed: 1 and more; each, one"
+        )
+    if n == 1:
+        return vehicle(chosen, chosen["namespace"], int(chosen["seed"]))
+    spaces = [f"/{space}/v{k + 1}".replace("//", "/") for k in range(n)]
+    others = spaces[1:] if chosen["learners"] == "one" else []
+    found = []
+    for k, place in enumerate(spaces):
+        own = chosen | {name: apart(chosen[name], f"v{k + 1}") for name in ("checkpoint", "record")}
+        found += vehicle(own, place, int(chosen["seed"]) + k, others, learns=place not in others)
+    return found
+
+
+def apart(path, name):
+    """A file or folder of its own for each vehicle."""
+    return str(Path(path).with_stem(f"{Path(path).stem}_{name}")) if path else ""
+
+
+def vehicle(chosen, namespace, seed, others=(), learns=True):
+    """The nodes of one namespace; its learner flies the others, too."""
     task, realtime = chosen["task"], chosen["mode"] == "realtime"
     file = resources.config(task)
     shared = [str(file)] if file else []
     bag = f"{get_package_share_directory('iolspi_ros')}/demos/{task}/set_{chosen['demonstration']}"
-    by_hand, seed = chosen["joystick"] == "true", int(chosen["seed"])
+    by_hand = chosen["joystick"] == "true"
     shown = by_hand or chosen["demonstration"] != "0"
     if by_hand:
         demonstration = {"source": "joy", "record": chosen["record"]}
     else:
         demonstration = {"source": "bag", "bags": [bag]}
     learner = {"seed": seed, "checkpoint": chosen["checkpoint"], "background": realtime}
-    parameters = {
-        "simulator": {"task": task, "mode": chosen["mode"], "seed": seed},
-        "learner": learner | {"wait_for_demonstrations": shown},
-    } | ({"demonstrator": demonstration} if shown else {})  # fmt: skip
+    learner |= {"other_vehicles": list(others)} if others else {}
+    parameters = {"simulator": {"task": task, "mode": chosen["mode"], "seed": seed}}
+    if learns:
+        parameters["learner"] = learner | {"wait_for_demonstrations": shown}
+    if learns and shown:
+        parameters["demonstrator"] = demonstration
     return [
         Node(
             package="iolspi_ros",
             executable=name,
-            namespace=chosen["namespace"],
+            namespace=namespace,
             parameters=[*shared, values],
             output="screen",
         )

@@ -66,7 +66,10 @@ def launched(monkeypatch, tmp_path):
 
     def launch(**arguments):
         assert set(arguments) <= set(declared)
-        return {node.executable: node for node in module.nodes(declared | arguments)}
+        found = module.nodes(declared | arguments)
+        if "vehicles" in arguments:
+            return {f"{node.namespace}/{node.executable}": node for node in found}
+        return {node.executable: node for node in found}
 
     return launch
 
@@ -103,3 +106,21 @@ def test_a_person_with_a_joystick_takes_the_place_of_a_shipped_set(launched):
     none = launched(demonstration="0")
     assert set(none) == {"simulator", "learner"}
     assert not parameters(none["learner"])["wait_for_demonstrations"]
+
+
+def test_each_of_several_vehicles_has_its_own(launched):
+    found = launched(vehicles="2", seed="5", checkpoint="out/c.npz", namespace="lab")
+    assert set(found) == {f"/lab/v{n}/{node}" for n in (1, 2) for node in CLASSES}
+    learners = [parameters(found[f"/lab/v{n}/learner"]) for n in (1, 2)]
+    assert [learner["seed"] for learner in learners] == [5, 6]
+    assert [learner["checkpoint"] for learner in learners] == ["out/c_v1.npz", "out/c_v2.npz"]
+
+
+def test_or_one_learner_flies_them_all(launched):
+    found = launched(vehicles="3", learners="one")
+    assert set(found) == {"/v1/simulator", "/v2/simulator", "/v3/simulator",
+                          "/v1/learner", "/v1/demonstrator"}  # fmt: skip
+    assert parameters(found["/v1/learner"])["other_vehicles"] == ["/v2", "/v3"]
+    for wrong in ({"vehicles": "0"}, {"vehicles": "2", "learners": "two"}):
+        with pytest.raises(ValueError, match="allowed"):
+            launched(**wrong)
