@@ -259,6 +259,27 @@ def test_a_sqlite_bag_whose_messages_are_still_in_its_log(tmp_path):
     target.close()
 
 
+@pytest.mark.parametrize(
+    ("change", "left", "says"),
+    [
+        ("UPDATE messages SET data = 'text' WHERE id = 3", 29, "1 of its messages are none"),
+        ("UPDATE messages SET timestamp = 'soon' WHERE id < 3", 28, "2 of its messages are none"),
+        ("UPDATE topics SET name = CAST(X'EB41' AS TEXT)", 0, ""),
+        ("UPDATE topics SET type = X'FF'", 0, "are none"),
+        ("ALTER TABLE messages RENAME TO other", 0, "is damaged: no such table: messages"),
+    ],
+)
+def test_a_sqlite_bag_whose_columns_hold_something_else(tmp_path, change, left, says):
+    path = write(tmp_path / "bag", samples(1), StoragePlugin.SQLITE3)
+    with sqlite3.connect(next(path.glob("*.db3"))) as connection:
+        connection.execute(change)
+    connection.close()
+    damage = bags.Damage()
+    found = [record for record in bags.records(path, damage) if record.topic.endswith("sample")]
+    assert len(found) == left
+    assert says in " ".join(damage.notes)
+
+
 # ---------------------------------------------------------------- what messages hold
 
 

@@ -1,6 +1,5 @@
 import contextlib
 import shutil
-import sqlite3
 from dataclasses import replace
 
 import numpy as np
@@ -121,7 +120,7 @@ def test_a_sqlite_bag_without_its_metadata_is_used(tmp_path):
     assert "was not closed" in found.notes[0]
     file = next(path.glob("*.db3"))
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    with pytest.raises((InputError, sqlite3.Error), match=r"damaged|no transition"):
+    with pytest.raises(InputError, match=r"damaged|no transition"):
         read(path)
 
 

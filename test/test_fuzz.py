@@ -3,6 +3,7 @@
 import array
 import contextlib
 import io
+import shutil
 import zipfile
 
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from iolspi_ros import arguments, bags, task, wire
-from iolspi_ros.bags import Damage
+from iolspi_ros.bags import Damage, reader, survey
 from iolspi_ros.core import checkpoint
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import plain
@@ -106,3 +107,31 @@ def test_any_bytes_are_a_bag_or_refused(tmp_path, data, name, magic):
     damage = Damage()
     assert not list(bags.records(tmp_path, damage))
     assert damage.notes
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["task", "/v1/task", "sample", "/v1/sample", "state", "reward"]),
+            st.sampled_from([reader.TEXT, wire.ROW, "sensor_msgs/msg/JointState"]),
+            st.binary(max_size=120) | st.binary(max_size=120).map(b"\0\1\0\0".__add__),
+        ),
+        max_size=5,
+    )
+)
+def test_any_message_of_a_whole_bag_is_read_or_refused(tmp_path, messages):
+    shutil.rmtree(tmp_path / "bag", ignore_errors=True)
+    with bags.BagWriter(tmp_path / "bag") as writer:
+        for n, (topic, kind, data) in enumerate(messages):
+            writer.write(topic, kind, n, data)
+    with contextlib.suppress(InputError):
+        bags.read_demonstration(tmp_path / "bag", Pendulum.description)
+    survey.contents(tmp_path / "bag")
+
+
+def test_a_task_in_a_bag_that_is_none_is_refused_with_words(tmp_path):
+    with bags.BagWriter(tmp_path / "bag") as writer:
+        writer.write("task", reader.TEXT, 0, b"")
+    assert "a message on task is unreadable: 0 bytes" in survey.contents(tmp_path / "bag").damage[0]
+    with pytest.raises(InputError, match="a message on task is unreadable"):
+        bags.read_demonstration(tmp_path / "bag", Pendulum.description)

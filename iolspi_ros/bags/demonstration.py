@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from iolspi_ros import wire
 from iolspi_ros.bags.card import read_card
-from iolspi_ros.bags.reader import Damage, Record, deserialise, records
+from iolspi_ros.bags.reader import TEXT, Damage, Record, deserialise, records
 from iolspi_ros.bags.selection import Selection
 from iolspi_ros.bags.sorting import InterleavedError, Vehicle
 from iolspi_ros.core.samples import Sample, Transitions
@@ -181,7 +181,7 @@ class Finder:
             return
         vehicle, role = place
         if role == "task":
-            if record.type == "std_msgs/msg/String":
+            if record.type == TEXT:
                 said = wire.read_task(deserialise(record), self._where)
                 self._described.setdefault(vehicle, []).append(said)
         elif vehicle is None:

@@ -11,13 +11,12 @@ import numpy as np
 
 from iolspi_ros import wire
 from iolspi_ros.bags.demonstration import Demonstration
+from iolspi_ros.bags.reader import TEXT
 from iolspi_ros.bags.typestore import types
 from iolspi_ros.bags.writer import BagWriter
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription, dump
-
-_TEXT = "std_msgs/msg/String"
 
 
 def write_bag(path: Path, samples: Sequence[Sample], task: TaskDescription) -> None:
@@ -30,8 +29,8 @@ def write_bag(path: Path, samples: Sequence[Sample], task: TaskDescription) -> N
     """
     rows = wire.SampleRows(task.names)
     with BagWriter(path) as writer:
-        said = types().types[_TEXT](dump(task))
-        writer.write("task", _TEXT, 0, bytes(types().serialize_cdr(said, _TEXT)))
+        said = types().types[TEXT](dump(task))
+        writer.write("task", TEXT, 0, bytes(types().serialize_cdr(said, TEXT)))
         for sample in samples:
             writer.write("sample", wire.ROW, sample.stamp, rows.of(sample))
 

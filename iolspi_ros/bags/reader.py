@@ -31,6 +31,10 @@ ZSTD = ".zstd"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
+TEXT = "std_msgs/msg/String"
+"""Type of a task's messages."""
+
+
 class Record(NamedTuple):
     """One message of a bag, still serialised."""
 
@@ -200,18 +204,25 @@ def _read_db3(path: Path, origin: Path, damage: Damage) -> Iterator[Record]:
         "JOIN topics ON messages.topic_id = topics.id ORDER BY messages.id"
     )
     mode = "ro" if path == origin else "rw"  # a copy of ours: its log is to be taken in
+    broken = 0
     try:
         connection = sqlite3.connect(f"file:{path}?mode={mode}", uri=True)
+        connection.text_factory = lambda text: text.decode("utf-8", "replace")
         try:
-            for topic, kind, time, data in connection.execute(query):
-                yield Record(topic, kind, time, _message(data))
+            for row in connection.execute(query):
+                if tuple(map(type, row)) == (str, str, int, bytes):  # a column may hold anything
+                    yield Record(*row[:3], _message(row[3]))
+                else:
+                    broken += 1
         finally:
             connection.close()
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # also of what SQLite says itself
         damage.notes.append(f"{origin.name} is damaged: {error}")
     else:
         if not (origin.parent / METADATA).is_file():
             damage.notes.append(f"{origin.name} was not closed: it has no {METADATA}")
+    if broken:
+        damage.notes.append(f"{origin.name} is damaged: {broken} of its messages are none")
 
 
 def _message(data: bytes) -> bytes:
@@ -225,8 +236,20 @@ def _message(data: bytes) -> bytes:
 
 
 def deserialise(record: Record) -> Any:
-    """Message of a record; rmw_fastrtps may leave four bytes of padding behind it."""
+    """Message of a record; rmw_fastrtps may leave four bytes of padding behind it.
+
+    Raises
+    ------
+    InputError
+        When the bytes are no such message.
+    """
     try:
-        return types().deserialize_cdr(record.data, record.type)
-    except SerdeError:
-        return types().deserialize_cdr(record.data[:-4], record.type)
+        try:
+            return types().deserialize_cdr(record.data, record.type)
+        except SerdeError:
+            return types().deserialize_cdr(record.data[:-4], record.type)
+    except Exception as error:  # whatever a reader of bytes stumbles over
+        raise InputError(
+            f"a message on {record.topic} is unreadable: {len(record.data)} bytes are no "
+            f"{record.type} ({type(error).__name__})"
+        ) from error

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from iolspi_ros import wire
 from iolspi_ros.bags.card import read_card
 from iolspi_ros.bags.demonstration import Demonstration, Finder, Flight
-from iolspi_ros.bags.reader import Damage, deserialise, records
+from iolspi_ros.bags.reader import TEXT, Damage, Record, deserialise, records
 from iolspi_ros.bags.selection import Selection
 from iolspi_ros.core.samples import Sample, Transitions
+from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription, Variable
 
 ONE_ACTION = 0.95
@@ -59,15 +61,19 @@ def contents(path: Path) -> Contents:
     for record in records(path, damage):
         topics[record.topic] = (record.type, topics.get(record.topic, ("", 0))[1] + 1)
         if (task is None and record.topic.endswith("/task")) or record.topic == "task":
-            task = _task(record, path)
+            task = _task(record, path, damage)
     return Contents(path, topics, read_card(path) if path.is_dir() else {}, task, damage.notes)
 
 
-def _task(record: object, path: Path) -> TaskDescription | None:
-    from iolspi_ros import wire
-
-    message = deserialise(record)  # type: ignore[arg-type]
-    return wire.read_task(message, f"bag {path}") if hasattr(message, "data") else None
+def _task(record: Record, path: Path, damage: Damage) -> TaskDescription | None:
+    """The task that a message describes; None when it is something else, or none, with a note."""
+    if record.type != TEXT:
+        return None
+    try:
+        return wire.read_task(deserialise(record), f"bag {path}")
+    except InputError as error:
+        damage.notes.append(str(error))
+        return None
 
 
 def flights(path: Path, task: TaskDescription, selection: Selection) -> list[Flight]:

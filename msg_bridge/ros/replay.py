@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -103,12 +104,16 @@ class _Maker:
             else:
                 self._action = self._command.action  # what was in force in the middle of the step
             self._half = not self._half
-        for name in self._topics:
-            if _same(name, record.topic):
-                self._sensing.hear(name, deserialise(record), record.time)
-        for name in self._outputs:
-            if _same(name, record.topic):
-                self._command.hear(name, deserialise(record))
+        heard = [name for name in self._topics if _same(name, record.topic)]
+        told = [name for name in self._outputs if _same(name, record.topic)]
+        if not heard and not told:
+            return
+        with suppress(InputError):  # what is unreadable was not said
+            message = deserialise(record)
+            for name in heard:
+                self._sensing.hear(name, message, record.time)
+            for name in told:
+                self._command.hear(name, message)
 
     def _tick(self, now: int) -> None:
         try:
