@@ -209,10 +209,10 @@ def _read_db3(path: Path, origin: Path, damage: Damage) -> Iterator[Record]:
         connection = sqlite3.connect(f"file:{path}?mode={mode}", uri=True)
         connection.text_factory = lambda text: text.decode("utf-8", "replace")
         try:
-            for row in connection.execute(query):
-                if tuple(map(type, row)) == (str, str, int, bytes):  # a column may hold anything
-                    yield Record(*row[:3], _message(row[3]))
-                else:
+            for topic, kind, time, data in connection.execute(query):
+                if [type(v) for v in (topic, kind, time, data)] == [str, str, int, bytes]:
+                    yield Record(topic, kind, time, _message(data))
+                else:  # a column of SQLite may hold anything
                     broken += 1
         finally:
             connection.close()
