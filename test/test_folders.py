@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.record import _put_in_place
 from iolspi_ros.errors import InputError
-from iolspi_ros.folders import LATEST, MARK, SERIES
+from iolspi_ros.folders import LATEST, MARK, SERIES, new_folder
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +24,7 @@ def content(folder):
 @pytest.mark.parametrize("place", SERIES)
 def test_the_usual_place_gets_a_numbered_folder_each_time(place):
     for number in (1, 2, 3):
-        folder = fresh(place, "simulator.log")
+        folder = new_folder(place)
         assert folder == place / str(number)
         (folder / "simulator.log").write_text("said")
         assert (place / LATEST).resolve() == folder.resolve()
@@ -38,7 +37,7 @@ def test_what_an_older_version_or_the_user_left_there_stays():
     for name in ("report.html", "simulator.log", "checkpoint.npz", LATEST, "7"):
         (place / name).write_text("mine")
     before = content(place)
-    assert fresh(place) == place / "8"
+    assert new_folder(place) == place / "8"
     assert before.items() <= content(place).items()
 
 
@@ -48,7 +47,7 @@ def test_a_place_that_holds_something_is_refused_untouched(tmp_path, name):
     before = content(tmp_path)
     for out in (tmp_path, Path(".")):
         with pytest.raises(InputError, match="holds other files; allowed"):
-            fresh(out, name)
+            new_folder(out)
     assert content(tmp_path) == before
 
 
@@ -56,7 +55,7 @@ def test_a_place_that_is_no_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("mine")
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(InputError, match="cannot be made"):
-            fresh(out)
+            new_folder(out)
 
 
 @pytest.mark.parametrize("out", [SERIES[0], Path("mine")])
@@ -69,13 +68,13 @@ def test_many_at_once_never_share_a_folder(out):
 
 def _or_none(out):
     try:
-        return fresh(out)
+        return new_folder(out)
     except InputError:
         return None
 
 
 def test_each_folder_says_who_made_it():
-    assert "iolspi_ros" in (fresh(Path("a/b")) / MARK).read_text()
+    assert "iolspi_ros" in (new_folder(Path("a/b")) / MARK).read_text()
 
 
 def test_a_bag_never_replaces_one_that_came_meanwhile(tmp_path):

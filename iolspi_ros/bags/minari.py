@@ -28,7 +28,7 @@ def write_minari(name: str, found: Demonstration) -> None:
     Parameters
     ----------
     name : str
-        As in ``pendulum/human-v0``.
+        As in ``boat/human-v0``.
     found : Demonstration
 
     Raises

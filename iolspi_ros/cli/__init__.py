@@ -24,6 +24,7 @@ def main() -> int:
         reproduce,
         run,
         sitl,
+        soak,
         up,
     )
     from iolspi_ros.cli.app import app

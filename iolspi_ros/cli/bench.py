@@ -48,7 +48,7 @@ def bench(
         rows += _measure(subject, seeds, plots)
         if file:  # after each subject, so that a later one costs nothing that is there
             _write(file, rows)
-    _table(rows)
+    table(rows)
 
 
 def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
@@ -91,7 +91,8 @@ def _write(file: Path, rows: list[Row]) -> None:
         out.write(json.dumps([asdict(row) for row in rows], indent=1).encode() + b"\n")
 
 
-def _table(rows: list[Row]) -> None:
+def table(rows: list[Row]) -> None:
+    """Print figures beside their goals."""
     from rich.table import Table
 
     table = Table("figure", "value", "unit", "goal", "holds")

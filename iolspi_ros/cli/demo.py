@@ -11,9 +11,10 @@ import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
-from iolspi_ros.cli.following import Follower, fresh
+from iolspi_ros.cli.following import Follower
 from iolspi_ros.cli.progress import baseline, console
 from iolspi_ros.errors import InputError, check_choice
+from iolspi_ros.folders import new_folder
 
 
 @app.command(epilog="Example: iolspi demo --set 2 --seconds 60 --out out/set2")
@@ -48,7 +49,7 @@ def demo(
     vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
     count = episodes_to_fly(vehicle, seconds, episodes, 1)
     domain = graph.isolate()
-    out = fresh(out)
+    out = new_folder(out)
     console.print(
         f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
         f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."

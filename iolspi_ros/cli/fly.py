@@ -19,9 +19,9 @@ from iolspi_ros.cli.flight_plan import (
     start_embedded,
     travel,
 )
-from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import baseline, console
 from iolspi_ros.errors import InputError, check_choice, check_range
+from iolspi_ros.folders import new_folder
 
 URLS = {"px4": "udpin:127.0.0.1:14540", "ardupilot": "tcp:127.0.0.1:5760", "paparazzi": ""}
 AUTOPILOTS = ("embedded", *URLS)
@@ -71,7 +71,7 @@ def fly(
         autopilot, url, like, speed_up, load, demonstration, checkpoint, episodes, shown, seed
     )
     vehicle = autopilot if autopilot != "embedded" else f"embedded, like {like}"
-    _fly(plan, practice, fresh(out, "bridge.log"), vehicle)
+    _fly(plan, practice, new_folder(out), vehicle)
 
 
 def _fly(plan: FlightPlan, practice: int, out: Path, autopilot: str) -> None:

@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iolspi_ros import folders
 from iolspi_ros.cli.progress import bar
 
 if TYPE_CHECKING:
     from iolspi_ros.graph import Graph
     from iolspi_ros.nodes.monitor import Monitor
-
-
-def fresh(out: Path, mark: str = "") -> Path:
-    """A folder of this run alone; see `folders.new_folder`.
-
-    Parameters
-    ----------
-    out : Path
-        The option `--out`: a place of its own keeps a numbered folder for each run.
-    mark : str
-        Not needed any more.
-    """
-    return folders.new_folder(out)
 
 
 class Follower:

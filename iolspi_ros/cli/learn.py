@@ -12,10 +12,10 @@ import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
-from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import bar, baseline, console
 from iolspi_ros.cli.selecting import RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
+from iolspi_ros.folders import new_folder
 
 if TYPE_CHECKING:
     from iolspi_ros.bags import Selection
@@ -66,7 +66,7 @@ def learn(
     count = episodes_to_fly(model, seconds, episodes, 0)
     if not demos:
         _check_enough(count, core, about)
-    out = fresh(out)
+    out = new_folder(out)
     history = History(
         about.sampling_time, _demonstrated(about, demos or [], select(vehicle, run, topics or []))
     )

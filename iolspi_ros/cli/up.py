@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from iolspi_ros.cli.app import app
-from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import console
+from iolspi_ros.folders import new_folder
 
 if TYPE_CHECKING:
     from iolspi_ros.graph import Graph
@@ -41,7 +41,7 @@ def up(
     check_choice("--mode", mode, ("realtime", "lockstep"))
     environment.check()
     kept = environment.keep_to_this_machine()
-    out, file = fresh(out), resources.config(task)
+    out, file = new_folder(out), resources.config(task)
     learner: dict[str, Any] = {
         "seed": seed, "resume": True, "checkpoint": str(out.resolve() / "checkpoint.npz"),
         "wait_for_demonstrations": demos is not None, "background": mode == "realtime",

@@ -1,0 +1,222 @@
+"""A graph that runs for long, while messages are lost and falsified and nodes are killed.
+
+A clean run and a harmed one, both in lockstep with the same seed. What is asked: does the harmed
+one learn as well, does every node come back with what it had, and do memory and files stay as they
+are?
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.signals import SignalHandlerOptions
+from scipy import stats
+from std_msgs.msg import Float64MultiArray
+
+from iolspi_ros import graph, qos, resources, runtime, wire
+from iolspi_ros.bench.relay import VEHICLE
+from iolspi_ros.bench.rows import Row, at_most
+from iolspi_ros.core import checkpoint
+from iolspi_ros.errors import InputError
+from sim_nodes.tasks import task_class
+
+KILL_EVERY = 60.0
+"""Seconds of wall time between two kills."""
+RESEND = 0.01
+"""Seconds after which a lost message is sent again."""
+SETTLED = 20.0
+"""Seconds that a process takes until its memory is what it needs."""
+LAST = 0.25
+"""Share of the episodes, the last ones, by which a run is judged."""
+PATIENCE = 120.0
+"""Seconds without an episode after which a run counts as stuck."""
+FILES = ("memory [MB]", "open files")
+
+
+@dataclass
+class Run:
+    """What was seen of one run.
+
+    Attributes
+    ----------
+    scores : list of float
+        Sum of rewards of each episode, in the order in which they were heard.
+    steps : int
+    kills : Counter
+        By node.
+    vitals : dict
+        Of each node and life: rows of wall time [s], memory [MB], open files.
+    faults : str
+        What the relay did, in words.
+    """
+
+    scores: list[float] = field(default_factory=list)
+    steps: int = 0
+    kills: Counter[str] = field(default_factory=Counter)
+    vitals: dict[tuple[str, int], list[tuple[float, ...]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    faults: str = ""
+
+
+def fly(
+    folder: Path, task: str, steps: int, seed: int, show: Callable[[int], None],
+    *, harmed: bool = False, kill_every: float = KILL_EVERY,
+) -> Run:  # fmt: skip
+    """Let a graph run for so many steps; its logs and its checkpoint stay in the folder.
+
+    Raises
+    ------
+    InputError
+        When a node ends by itself, or no episode ends for long.
+    """
+    file, run, rng = resources.config(task), Run(), random.Random(seed)
+    learner = {
+        "seed": seed, "checkpoint": str(folder / "checkpoint.npz"), "resume": True,
+        "wait_for_demonstrations": False, "vehicle_timeout": 0.0, "checkpoint_seconds": 10.0,
+    }  # fmt: skip
+    with graph.Graph(folder) as nodes, _listening(run) as spin:
+        if harmed:
+            nodes.run("relay", "iolspi_ros.bench.relay", str(seed))
+        simulator = {"task": task, "seed": seed, "resend_after": RESEND}
+        nodes.start("simulator", simulator, file, namespace=VEHICLE if harmed else "")
+        nodes.start("learner", learner, file)
+        killed, heard, last = time.monotonic(), 0, time.monotonic()
+        while run.steps < steps:
+            spin()
+            now = time.monotonic()
+            nodes.check()
+            if len(run.scores) > heard:
+                heard, last = len(run.scores), now
+                show(run.steps)
+            elif now - last > PATIENCE:
+                raise InputError(f"no episode ended for {PATIENCE:g} s; the logs are in {folder}")
+            if harmed and now - killed > kill_every:
+                killed = now
+                name = rng.choice(("simulator", "learner", "relay"))
+                nodes.kill(name)
+                run.kills[name] += 1
+                nodes.restart(name)
+    with suppress(OSError):
+        run.faults = (folder / "relay.log").read_text().strip().rpartition("relay: ")[2]
+    checkpoint.read(folder / "checkpoint.npz")  # whole
+    return run
+
+
+@contextmanager
+def _listening(run: Run) -> Iterator[Callable[[], None]]:
+    """Hear scores and vitals."""
+    rows = wire.Rows("score", wire.SCORE)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node, executor = rclpy.create_node("soak"), runtime.executor()
+    executor.add_node(node)
+
+    def on_score(message: Any) -> None:
+        _, step, _, _, score, *_ = rows.read(message)
+        run.scores.append(score)
+        run.steps += int(step)
+
+    def on_vitals(message: Any) -> None:
+        for status in message.status:
+            name = status.name.split(":")[0].split("/")[-1]
+            said = {pair.key: pair.value for pair in status.values}
+            if all(key in said for key in FILES):
+                numbers = (time.monotonic(), *(float(said[key]) for key in FILES))
+                run.vitals[name, run.kills[name]].append(numbers)
+
+    node.create_subscription(Float64MultiArray, "score", on_score, qos.REPORTS)
+    node.create_subscription(DiagnosticArray, "/diagnostics", on_vitals, qos.OUTGOING)
+    try:
+        yield lambda: executor.spin_once(timeout_sec=0.2)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def measure(
+    folder: Path, task: str, hours: float, seed: int, show: Callable[[int], None]
+) -> list[Row]:
+    """Fly both runs, and compare.
+
+    Parameters
+    ----------
+    folder : Path
+        For logs and checkpoints.
+    task : str
+    hours : float
+        Of vehicle time, of both runs together.
+    seed : int
+    show : callable
+        Takes the steps flown so far.
+    """
+    steps = total(task, hours) // 2
+    clean, harmed = folder / "clean", folder / "harmed"
+    for place in (clean, harmed):
+        place.mkdir()
+    return rows(
+        fly(clean, task, steps, seed, show),
+        fly(harmed, task, steps, seed, lambda done: show(steps + done), harmed=True),
+    )
+
+
+def total(task: str, hours: float) -> int:
+    """Steps in so many hours of vehicle time."""
+    return round(hours * 3600.0 / task_class(task).description.sampling_time)
+
+
+def rows(clean: Run, harmed: Run) -> list[Row]:
+    """Figures of both runs."""
+    a, b = _last(clean.scores), _last(harmed.scores)
+    lost = (a.mean() - b.mean()) / max(abs(a.mean()), 1e-12)
+    spread = 1.96 * np.hypot(a.std() / np.sqrt(len(a)), b.std() / np.sqrt(len(b)))
+    spread /= max(abs(a.mean()), 1e-12)
+    found = [
+        Row("clean: steps flown", clean.steps, ""), Row("harmed: steps flown", harmed.steps, ""),
+        Row("kills", harmed.kills.total(), f"({dict(harmed.kills)})"),
+        Row("faults", 0.0, harmed.faults),
+        Row("clean: return of an episode, the last quarter", float(a.mean()), ""),
+        Row("harmed: the same", float(b.mean()), ""),
+        Row("return lost by the harm", 100 * lost, f"± {100 * spread:.2g} %", "at most 2",
+            bool(lost <= 0.02 + spread)),
+    ]  # fmt: skip
+    for run, name in ((clean, "clean"), (harmed, "harmed")):
+        for node in sorted({key[0] for key in run.vitals}):
+            lives = [np.array(v) for (who, _), v in run.vitals.items() if who == node]
+            for column, unit, most in ((1, "MB/h", 1.0), (2, "files/h", 0.5)):
+                if (found_slope := slope(lives, column)) is not None:
+                    middle, width = found_slope
+                    about = f"{name}: {node} grows"
+                    row = at_most(about, middle - width, f"{unit} (± {width:.2g})", most)
+                    found.append(Row(row.name, middle, row.unit, row.goal, row.holds))
+    return found
+
+
+def slope(lives: list[np.ndarray], column: int) -> tuple[float, float] | None:
+    """How fast a number of some lives grows, and half its 95 % interval, per hour.
+
+    The first `SETTLED` seconds of each life do not count; a life's own level is taken off.
+    """
+    times, values = [], []
+    for life in lives:
+        life = life[life[:, 0] - life[0, 0] > SETTLED]
+        if len(life) > 2:
+            times.append(life[:, 0] - life[:, 0].mean())
+            values.append(life[:, column] - life[:, column].mean())
+    if not times:
+        return None
+    fit = stats.linregress(np.concatenate(times) / 3600.0, np.concatenate(values))
+    return float(fit.slope), float(1.96 * fit.stderr)
+
+
+def _last(scores: list[float]) -> np.ndarray:
+    return np.array(scores[-max(int(LAST * len(scores)), 2) :])

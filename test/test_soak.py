@@ -1,0 +1,43 @@
+"""A graph that is harmed all the time goes on, keeps what it had, and figures say how it was."""
+
+import numpy as np
+import pytest
+
+from iolspi_ros.bench import soak
+from iolspi_ros.core import checkpoint
+
+
+@pytest.mark.slow
+def test_a_harmed_graph_goes_on_with_what_it_had(tmp_path):
+    told = []
+    run = soak.fly(tmp_path, "pendulum", 4_500, 0, told.append, harmed=True, kill_every=6.0)
+    assert run.steps >= 4_500
+    assert run.kills.total() >= 2
+    assert told == sorted(told)
+    assert np.isfinite(run.scores).all()
+    logs = {name: (tmp_path / f"{name}.log").read_text() for name in ("learner", "simulator")}
+    assert "Traceback" not in "".join(logs.values())
+    assert logs["learner"].count("resumed from") >= run.kills["learner"] - 1  # or nothing was saved
+    assert checkpoint.read(tmp_path / "checkpoint.npz").about["parts"]["learner"]["step"] > 0
+
+
+def test_a_slope_is_that_of_each_life_from_its_own_level():
+    rng = np.random.default_rng(0)
+    lives = []
+    for level in (100.0, 250.0, 180.0):
+        time = np.arange(0.0, 600.0) + rng.uniform(0, 1e4)
+        start = np.where(time - time[0] < soak.SETTLED, -50.0, 0.0)  # does not count
+        memory = level + 36.0 * (time - time[0]) / 3600.0 + start
+        lives.append(np.column_stack([time, memory + 0.01 * rng.standard_normal(600)]))
+    middle, width = soak.slope(lives, 1)
+    assert abs(middle - 36.0) < 3 * width < 0.1
+    assert soak.slope([life[:5] for life in lives], 1) is None
+
+
+@pytest.mark.parametrize(("level", "holds"), [(-100.0, True), (-101.0, True), (-110.0, False)])
+def test_a_return_that_suffers_is_said(level, holds):
+    clean = soak.Run(scores=[-100.0 + (-1) ** k for k in range(400)], steps=1)
+    harmed = soak.Run(scores=[level + (-1) ** k for k in range(400)], steps=1)
+    row = next(r for r in soak.rows(clean, harmed) if r.name.startswith("return lost"))
+    assert row.holds == holds
+    assert row.value == pytest.approx(-100.0 - level)
