@@ -67,10 +67,17 @@ def fly(
     report.html, summary.json, a bag, a .tlog and a checkpoint. Nothing is sent anywhere but to
     the address given. Ctrl-C lands.
     """
+    from iolspi_ros import graph
+
     plan = _plan(
         autopilot, url, like, speed_up, load, demonstration, checkpoint, episodes, shown, seed
     )
     vehicle = autopilot if autopilot != "embedded" else f"embedded, like {like}"
+    domain = graph.isolate()  # or a refusal, before there is a folder
+    console.print(
+        f"Flying [bold]{vehicle}[/bold] at {plan.url}. The graph is in "
+        f"ROS_DOMAIN_ID={domain}, on this machine only."
+    )
     _fly(plan, practice, new_folder(out), vehicle)
 
 
@@ -82,11 +89,6 @@ def _fly(plan: FlightPlan, practice: int, out: Path, autopilot: str) -> None:
 
     config = resources.find("config", f"{TASK}.yaml")
     vehicle = make_task(TASK, resources.parameters(config, "simulator"), str(config))
-    domain = graph.isolate()
-    console.print(
-        f"Flying [bold]{autopilot}[/bold] at {plan.url}. The graph is in "
-        f"ROS_DOMAIN_ID={domain}, on this machine only."
-    )
     start = time.monotonic()
     if plan.bag and practice:
         plan = practise(plan, plan.bag, practice, config, out)
