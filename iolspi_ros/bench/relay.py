@@ -13,6 +13,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from iolspi_ros import qos, runtime, wire
+from iolspi_ros.nodes.start import follow_parent
+from iolspi_ros.process import prepare
 
 VEHICLE = "/sim"
 """Namespace of the vehicle."""
@@ -90,4 +92,6 @@ class Relay(Node):
 
 
 if __name__ == "__main__":
+    follow_parent()
+    prepare()
     sys.exit(runtime.main(Relay, "relay"))
