@@ -197,6 +197,8 @@ class Observation(NamedTuple):
     terminated, truncated : bool
     stamp : int
         Vehicle time [ns], on a clock that gives every observation its own; 0 without one.
+    source : int
+        Who chose that action, as numbered by `learner.Source`; -1 when nobody says.
     """
 
     episode: int
@@ -207,6 +209,7 @@ class Observation(NamedTuple):
     terminated: bool = False
     truncated: bool = False
     stamp: int = 0
+    source: int = -1
 
     @property
     def last(self) -> bool:

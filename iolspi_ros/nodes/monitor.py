@@ -62,7 +62,7 @@ class Monitor(Node):
         self._updates: dict[int, dict[str, float]] = {}
         self._pairer = Pairer(task, qos.RECORDING.depth)
         self._samples = wire.SampleRows(task.names)
-        self._scores = wire.Rows("score", wire.SCORE)
+        self._scores = wire.ScoreRows()
         self._update_rows = wire.Rows("update", wire.UPDATE)
         self._executor = runtime.executor()
         self._executor.add_node(self)

@@ -26,7 +26,7 @@ class Reports:
     def __init__(self, node: Node, core: Learner) -> None:
         self._node = node
         self._core = core
-        self._score_rows = wire.Rows("score", wire.SCORE)
+        self._score_rows = wire.ScoreRows()
         self._update_rows: wire.Rows | None = None  # with the learner's own names, once known
         self._score_out = node.create_publisher(Float64MultiArray, "score", qos.REPORTS)
         self._update_out = node.create_publisher(Float64MultiArray, "update", qos.REPORTS)
@@ -51,7 +51,7 @@ class Reports:
         self._explored += source == Source.EXPLORE
         self._key = (observation.episode, observation.step)
         if observation.last:
-            values = (*self._head(), self._score, self._discounted, self._explored)
+            values = (*self._head(), self._score, self._discounted, self._explored, 0)
             runtime.publish(self._score_out, self._score_rows.message(*values))
 
     def update(self, update: Update) -> None:
