@@ -69,7 +69,11 @@ class Person(Peer):
 
     def piloting(self):
         heard = self.heard["piloting"]
-        return dict(zip(wire.PILOTING, heard[-1].data, strict=True)) if heard else {"phase": -1, "held": -1}
+        return (
+            dict(zip(wire.PILOTING, heard[-1].data, strict=True))
+            if heard
+            else {"phase": -1, "held": -1}
+        )
 
     def phase(self, phase):
         self.until(lambda: self.piloting()["phase"] == phase)
@@ -125,7 +129,8 @@ def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp
     notes, rng = tmp_path / "notes", np.random.default_rng(count)
     (tmp_path / "noting.py").write_text(NOTING.format(notes=str(notes)))
     nodes.env["PYTHONPATH"] = f"{tmp_path}:{find('package.xml').parent}"
-    nodes.start("simulator", "-p", f"mode:={mode}")
+    noise = "sensor_noise:=[0.001]"  # tells each state from those of other episodes
+    nodes.start("simulator", "-p", f"mode:={mode}", "-p", noise)
     stand_by(nodes)
     learn(nodes, "-p", "learner:=noting:Noting")
     for _ in range(count):
