@@ -173,6 +173,22 @@ def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp
         ]
 
 
+def test_a_learner_in_the_vehicle_s_process_is_no_exception(nodes, person):
+    nodes.start("simulator")
+    stand_by(nodes)
+    assert nodes.end("simulator") == 0
+    nodes.start("graph", "-p", "learner:wait_for_demonstrations:=false")
+    nodes.wait_for("graph", "acting on")
+    for _ in range(3):
+        person.press(True)
+        person.until(lambda: person.source() == Source.HUMAN)
+        person.spin(0.3)
+        held = [m.data[8] for m in person.heard["reward"][-20:]]
+        assert set(held) <= {-1.0, Source.HUMAN, Source.HOLD}
+        person.press(False)
+        person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
+
+
 def test_from_the_button_to_the_first_action_are_no_two_periods(nodes, ros):
     person = Person(ros, SlungLoad.description)
     nodes.start("simulator", "-p", "task:=slung_load", "-p", "mode:=realtime")
