@@ -103,8 +103,8 @@ class HandFlight(Teleop):
     def _say(self) -> None:
         p = self.piloting
         self._topics.say(
-            p.phase, held=p.holds, episodes=(p.kept, p.discarded), countdown=p.countdown,
-            seen=self._loop.seen,
+            p.phase, held=p.holds and self._loop.running, episodes=(p.kept, p.discarded),
+            countdown=p.countdown, seen=self._loop.seen,
         )  # fmt: skip
 
     def pilot(self, observation: Observation) -> tuple[int, Source]:
