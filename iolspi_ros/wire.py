@@ -10,7 +10,8 @@ contract.
 from __future__ import annotations
 
 import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -27,15 +28,30 @@ NANOSECONDS = 1_000_000_000
 ROW = "std_msgs/msg/Float64MultiArray"
 KEY = ("episode", "step", "sec", "nanosec")
 
-REWARD = (*KEY, "reward", "terminated", "truncated", "action")
+REWARD = (*KEY, "reward", "terminated", "truncated", "action", "source")
 ACTION = (*KEY, "action", "source")
-SCORE = (*KEY, "score", "discounted_return", "explored")
+SCORE = (*KEY, "score", "discounted_return", "explored", "interventions")
 UPDATE = (
     *KEY, "number", "accepted", "healthy", "weights_norm", "change", "epsilon", "samples",
     "online_steps",
 )  # fmt: skip
 """Behind these comes what the learner itself has to say, under its own names."""
 DEMONSTRATION = (*KEY, "active", "samples")
+TAKEOVER = (*KEY, "held")
+PILOTING = (*KEY, "phase", "kept", "discarded", "countdown", "held", "n_episodes")
+VERDICT = (*KEY, "kept")
+
+
+class Phase(IntEnum):
+    """What a demonstration by joystick waits for: `phase` of `piloting`."""
+
+    NO_STICK = 0
+    WAITING = 1
+    COUNTDOWN = 2
+    FLYING = 3
+    REVIEW = 4
+    ENDED = 5
+    PAUSED = 6
 
 
 @cache
@@ -68,11 +84,16 @@ class Rows:
         What the rows are, for messages to people.
     names : sequence of str
         Names of the entries; those in `KEY` come first.
+    absent : mapping of str to float, optional
+        What entries are where a message does not have them; the others it must have.
     """
 
-    def __init__(self, what: str, names: Sequence[str]) -> None:
+    def __init__(
+        self, what: str, names: Sequence[str], absent: Mapping[str, float] | None = None
+    ) -> None:
         self.what = what
         self.names = tuple(names)
+        self._absent = dict(absent or {})
         self.label = ",".join(self.names)
         self.kind = ROW
         self._layout: Any = None
@@ -124,7 +145,12 @@ class Rows:
         if len(data) != label.count(",") + 1:
             raise InputError(f"{self.what} has {len(data)} entries for the label {label!r}")
         columns = self._columns[label]
-        return data if columns is None else [data[column] for column in columns]
+        if columns is None:
+            return data
+        return [
+            self._absent[name] if column < 0 else data[column]
+            for name, column in zip(self.names, columns, strict=True)
+        ]
 
     def read_all(self, message: Any) -> dict[str, float]:
         """Every value of a message by its name, also those that are not asked for.
@@ -139,27 +165,35 @@ class Rows:
 
     def _find(self, label: str) -> list[int]:
         found = label.split(",")
-        missing = [name for name in self.names if name not in found]
+        missing = [n for n in self.names if n not in found and n not in self._absent]
         if missing:
             raise InputError(
                 f"{self.what} has no entry {', '.join(missing)} in its label {label!r}; "
                 f"allowed: {self.label}"
             )
-        return [found.index(name) for name in self.names]
+        return [found.index(name) if name in found else -1 for name in self.names]
+
+
+class ScoreRows(Rows):
+    """Rows of `score`; bags from before say nothing of interventions."""
+
+    def __init__(self) -> None:
+        super().__init__("score", SCORE, {"interventions": 0.0})
 
 
 class RewardRows(Rows):
     """Rows of what an observation says beside its state."""
 
     def __init__(self) -> None:
-        super().__init__("reward", REWARD)
+        super().__init__("reward", REWARD, {"source": -1.0})
 
     def of(self, observation: Observation) -> bytes:
         """Serialised message of an observation."""
         o = observation
         return self.pack(
-            o.episode, o.step, *split(o.stamp), o.reward, o.terminated, o.truncated, o.action
-        )
+            o.episode, o.step, *split(o.stamp), o.reward, o.terminated, o.truncated, o.action,
+            o.source,
+        )  # fmt: skip
 
     def observation(
         self, values: Sequence[float], state: NDArray[np.float64], stamp: int
@@ -174,6 +208,7 @@ class RewardRows(Rows):
             terminated=values[5] > 0.5,
             truncated=values[6] > 0.5,
             stamp=stamp,
+            source=whole(values[8]),
         )
 
 

@@ -60,8 +60,19 @@ def test_bytes_of_another_shape_are_read_by_name_all_the_same():
     message.header.frame_id = "world"
     state, _ = wire.JointStates(("a", "b")).state(serialize_message(message))
     assert state.tolist() == [1.0, 2.0, 3.0, 4.0]
-    longer = wire.Rows("x", ("more", *wire.REWARD)).message(9, *range(8))
-    assert list(wire.RewardRows().read(serialize_message(longer))) == list(range(8))
+    longer = wire.Rows("x", ("more", *wire.REWARD)).message(9, *range(9))
+    assert list(wire.RewardRows().read(serialize_message(longer))) == list(range(9))
+
+
+def test_a_reward_and_a_score_from_before_say_nothing_of_people():
+    """Rows of nodes and bags that do not know these entries."""
+    reward = wire.Rows("reward", wire.REWARD[:-1]).message(*range(8))
+    score = wire.Rows("score", wire.SCORE[:-1]).message(*range(7))
+    for message in (reward, serialize_message(reward)):
+        assert list(wire.RewardRows().read(message)) == [*range(8), -1.0]
+    assert list(wire.ScoreRows().read(score)) == [*range(7), 0.0]
+    with pytest.raises(InputError, match="no entry source"):
+        wire.Rows("action", wire.ACTION).read(wire.Rows("x", wire.ACTION[:-1]).message(*range(5)))
 
 
 @given(joint_names, st.data())
@@ -105,7 +116,7 @@ def test_entries_are_read_by_name():
     strange = wire.Rows("x", ("reward", "extra", *reversed(wire.KEY), "terminated", "truncated",
                               "action"))  # fmt: skip
     values = wire.RewardRows().read(strange.message(-2.5, 99, 4, 3, 2, 1, 0, 1, 2))
-    assert list(values) == [1, 2, 3, 4, -2.5, 0, 1, 2]
+    assert list(values) == [1, 2, 3, 4, -2.5, 0, 1, 2, -1]
 
 
 def test_what_is_missing_is_named():
@@ -113,7 +124,7 @@ def test_what_is_missing_is_named():
         wire.RewardRows().read(wire.Rows("x", (*wire.KEY, "reward")).message(0, 0, 0, 0, 0))
     with pytest.raises(InputError, match="reward has no entry"):
         wire.RewardRows().read(Float64MultiArray())
-    short = wire.RewardRows().message(*range(8))
+    short = wire.RewardRows().message(*range(9))
     short.data = short.data[:3]
     with pytest.raises(InputError, match="has 3 entries for the label"):
         wire.RewardRows().read(short)
@@ -200,12 +211,12 @@ def test_the_order_on_the_wire_is_the_contract_s():
         "next.heat,terminated,truncated,source"
     )
     assert list(message.data) == [8, 9, 10, 11, 1, 2, 3, 1, -4, 5, 6, 7, 1, 0, 2]
-    packed = wire.RewardRows().of(Observation(1, 2, np.zeros(3), -3.0, 4, False, True, 5))
+    packed = wire.RewardRows().of(Observation(1, 2, np.zeros(3), -3.0, 4, False, True, 5, 2))
     message = deserialize_message(packed, Float64MultiArray)
     assert message.layout.dim[0].label == (
-        "episode,step,sec,nanosec,reward,terminated,truncated,action"
+        "episode,step,sec,nanosec,reward,terminated,truncated,action,source"
     )
-    assert list(message.data) == [1, 2, 0, 5, -3, 0, 1, 4]
+    assert list(message.data) == [1, 2, 0, 5, -3, 0, 1, 4, 2]
     assert ",".join(wire.ACTION) == "episode,step,sec,nanosec,action,source"
 
 

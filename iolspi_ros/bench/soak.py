@@ -116,7 +116,7 @@ def fly(
 @contextmanager
 def _listening(run: Run) -> Iterator[Callable[[], None]]:
     """Hear scores and vitals."""
-    rows = wire.Rows("score", wire.SCORE)
+    rows = wire.ScoreRows()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, executor = rclpy.create_node("soak"), runtime.executor()
     executor.add_node(node)

@@ -19,9 +19,11 @@ from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.control_loop import TASK, no_vehicle
-from iolspi_ros.nodes.joystick import JoystickSettings
+from iolspi_ros.nodes.hand import HandFlight
+from iolspi_ros.nodes.override import Override
+from iolspi_ros.nodes.person import Person
 from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
-from iolspi_ros.nodes.teleop import Teleop, TeleopSettings
+from iolspi_ros.nodes.teleop import ScriptedFlight, TeleopSettings
 from iolspi_ros.runtime import RCLError
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
@@ -51,20 +53,25 @@ class DemonstratorSettings(Settings):
 
 
 class Demonstrator(ManagedNode):
-    """Publishes `sample` and `demonstration`; flying, takes `state`, `reward`, gives `action`."""
+    """Publishes `sample` and `demonstration`; flying, takes `state`, `reward`, gives `action`.
+
+    A person flies with `joy`; how that stands is on `piloting`, and `takeover` keeps others out.
+    """
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("demonstrator", arguments)
         self.settings = parameters.declare(self, DemonstratorSettings)
         self._teleop_settings = parameters.declare(self, TeleopSettings, ("corruption",))
         self._pilot = parameters.declare(self, PilotSettings)
-        self._joystick = parameters.declare(self, JoystickSettings)
+        self._person = Person(self, self._teleop_settings)
         self._player_settings = parameters.declare(self, PlayerSettings)
         parameters.check_changes(self, TeleopSettings)
         parameters.warn_unknown(self, ("task",))
         self._waiting: deque[Any] = deque()
         self._bag: bags.BagWriter | None = None
-        self._work: Player | Teleop | None = None
+        self._work: Player | ScriptedFlight | HandFlight | Override | None = None
+        self._ended = False
+        self.recorded = 0
         self._watch: Any = None
         self._sent = 0
 
@@ -74,13 +81,18 @@ class Demonstrator(ManagedNode):
         """Listen for a task; what is demonstrated follows then."""
         if self.settings.source == "bag":
             check_bags(self._player_settings)
+        if self.settings.record:
+            bags.check_place(self._place)
         self._sample_out = self.create_publisher(Float64MultiArray, "sample", qos.SAMPLES)
         self._demonstration_out = self.create_publisher(
             Float64MultiArray, "demonstration", qos.LATCHED
         )
         self._last = (0, 0, 0)  # episode, step and stamp of the last sample
-        self._vitals = Vitals(self, "demonstrating", ("sample", "demonstration"), self._diagnose)
-        self._flushing = runtime.wall_timer(self, 0.05, self.flush)
+        sole = ("sample", "demonstration", *(["joy"] if self._with_person else []))
+        self._vitals = Vitals(self, "demonstrating", sole, self._diagnose)
+        self._flushing = runtime.wall_timer(self, 0.05, self._look_after)
+        if self._with_person:
+            self._person.open()
         self._listener = TaskListener(self, self._on_task, self._on_conflict)
 
     def activate(self) -> None:
@@ -101,7 +113,9 @@ class Demonstrator(ManagedNode):
         self.close()
         if self._work is not None:
             self._work.close()
-        self._work = None
+        self._work, self._ended = None, False
+        if self._with_person:
+            self._person.close()
         self._listener.close()
         self._vitals.close()
         self.destroy_timer(self._flushing)
@@ -120,24 +134,37 @@ class Demonstrator(ManagedNode):
                 )
             self.task, self._rows = task, wire.SampleRows(task.names)
             self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
-            if self.settings.source == "bag":
-                self._origin = PILOTS["bag"] + ", ".join(self._player_settings.bags)
-                self._work = Player(self, self._player_settings)
-            else:
-                self._origin = PILOTS[self.settings.source]
-                self._work = Teleop(
-                    self, self._teleop_settings, self._scripted(task), self._joystick
-                )
+            self._work = self._demonstrate(task)
         except InputError as error:
             self.fail(error)
             return
         if self.active:
             self._work.resume()
 
-    def _scripted(self, task: TaskDescription) -> ScriptedPilot | None:
-        """The scripted pilot, when that is who flies."""
-        if self.settings.source != "scripted":
-            return None
+    @property
+    def _with_person(self) -> bool:
+        """Whether a person has a part in it."""
+        return self.settings.source == "joy" or self._person.takes_over
+
+    @property
+    def _place(self) -> Path:
+        """Where it is recorded to."""
+        return Path(self.settings.record).expanduser()
+
+    def _demonstrate(self, task: TaskDescription) -> Player | ScriptedFlight | HandFlight:
+        """Make who demonstrates."""
+        self._origin = PILOTS[self.settings.source]
+        if self._with_person:
+            self._person.meet()
+        if self.settings.source == "bag":
+            self._origin += ", ".join(self._player_settings.bags)
+            return Player(self, self._player_settings)
+        if self.settings.source == "scripted":
+            return ScriptedFlight(self, self._teleop_settings, self._scripted(task))
+        return self._person.demonstrate()
+
+    def _scripted(self, task: TaskDescription) -> ScriptedPilot:
+        """The scripted pilot."""
         vehicle = task_class(self.settings.model or task.name)()
         vehicle.description.check_same(task, "the model that the pilot knows", "the vehicle")
         rng = np.random.default_rng([self._teleop_settings.seed, 2])
@@ -155,6 +182,17 @@ class Demonstrator(ManagedNode):
             timeout = self._teleop_settings.vehicle_timeout
             self.fail(no_vehicle(self, self._listener.topic, timeout, TASK, qos.TASK))
 
+    def _look_after(self) -> None:
+        """Publish what waits; after the demonstration leave the vehicle to whoever takes it."""
+        self.flush()
+        if not (self._ended and self._person.takes_over and self._work is not None):
+            return
+        self._ended = False
+        self._work.close()
+        self._work = self._person.stand_by()
+        if self.active:
+            self._work.resume()
+
     # ------------------------------------------------------------ what demonstrates calls these
 
     @property
@@ -165,7 +203,11 @@ class Demonstrator(ManagedNode):
     def begin(self) -> None:
         """Start recording, if that is wanted, and say that a demonstration begins."""
         if self.settings.record:
-            self._bag = bags.BagWriter(Path(self.settings.record).expanduser())
+            try:
+                self._bag = bags.BagWriter(self._place)
+            except InputError as error:
+                self.fail(error)
+                return
             task = wire.task_message(self.task)
             self.record("task", wire.type_name(task), 0, serialize_message(task))
         self._announce(active=True)
@@ -173,13 +215,19 @@ class Demonstrator(ManagedNode):
     def end(self) -> None:
         """Say that the demonstration has ended, and close the bag."""
         self._announce(active=False)
-        self.close()
+        self._close_bag()
+        self._ended = True
         self.get_logger().info(f"demonstration ended: {self._sent} samples")
 
     def send(self, sample: Sample) -> None:
         """Record one transition, and publish it as soon as the listeners keep up."""
         message = self._rows.of(sample)
         self.record("sample", wire.ROW, sample.stamp, message)
+        self.recorded += 1
+        self.queue(sample, message)
+
+    def queue(self, sample: Sample, message: bytes) -> None:
+        """Publish one transition as soon as the listeners keep up."""
         self._waiting.append(message)
         self.flush()
         self._sent += 1
@@ -199,22 +247,31 @@ class Demonstrator(ManagedNode):
 
     def record(self, topic: str, kind: str, stamp: int, data: bytes) -> None:
         """Write a serialised message to the bag, if one is being recorded."""
-        if self._bag is not None:
+        if self._bag is None:
+            return
+        try:
             self._bag.write(topic, kind, stamp, data)
+        except InputError as error:  # a full disk; what was written stays
+            self.fail(error)
 
     def listeners(self) -> int:
         """How many nodes take samples."""
         return self._sample_out.get_subscription_count()
 
     def close(self) -> None:
-        """Close the bag and write its card."""
+        """Put away what was flown, close the bag and write its card."""
+        if self._work is not None and not isinstance(self._work, Player):
+            self._work.put_away()
+        self._close_bag()
+
+    def _close_bag(self) -> None:
         if self._bag is None:
             return
         bag, self._bag = self._bag, None
         bag.close()
         bags.write_card(bag.path, self._card())
         # Printed: after a signal nothing can be logged to the graph any more.
-        print(f"demonstrator: {self._sent} samples are in {bag.path}", file=sys.stderr)
+        print(f"demonstrator: {self.recorded} samples are in {bag.path}", file=sys.stderr)
 
     def _diagnose(self) -> Report:
         phase = "waiting for a vehicle" if self._work is None else "demonstrating"
@@ -226,6 +283,7 @@ class Demonstrator(ManagedNode):
         }  # fmt: skip
         if len(self._waiting) > 1:
             report.worry(f"{len(self._waiting)} samples wait for a slow listener")
+        self._person.diagnose(report)
         return report
 
     def _announce(self, *, active: bool) -> None:
@@ -240,7 +298,7 @@ class Demonstrator(ManagedNode):
         if self.settings.source != "bag":
             card["corruption"] = self.corruption
             card["seed"] = int(self.get_parameter("seed").value)
-        return card | {"samples": self._sent, "version": __version__}
+        return card | {"samples": self.recorded, "version": __version__}
 
 
 def main() -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from iolspi_ros.core.samples import Sample
@@ -16,10 +17,16 @@ class SamplesOut(Protocol):
     ----------
     task : TaskDescription
     active : bool
+    given : mapping
+        Parameters that its arguments give it, by name.
+    recorded : int
+        Samples in the bag that are to be read.
     """
 
     task: TaskDescription
     active: bool
+    given: Mapping[str, Any]
+    recorded: int
 
     @property
     def corruption(self) -> float:
@@ -36,6 +43,10 @@ class SamplesOut(Protocol):
 
     def send(self, sample: Sample) -> None:
         """Record one transition, and publish it as soon as the listeners keep up."""
+        ...
+
+    def queue(self, sample: Sample, message: bytes) -> None:
+        """Publish one transition as soon as the listeners keep up."""
         ...
 
     def flush(self) -> bool:
