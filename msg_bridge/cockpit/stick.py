@@ -1,0 +1,86 @@
+"""Who has the stick, and where it is: one browser flies, the others watch and may ask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+SILENCE = 0.2
+"""Seconds without a word of the browser that has the stick, after which it is released."""
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """Where a stick is.
+
+    Attributes
+    ----------
+    axes : (float, float)
+        To the left and upwards, each -1 to 1, as joystick drivers have it.
+    buttons : tuple of int
+        One for each action, 1 while it is held, and last that of the takeover.
+    """
+
+    axes: tuple[float, float] = (0.0, 0.0)
+    buttons: tuple[int, ...] = ()
+
+
+@dataclass
+class Stick:
+    """The one stick of a cockpit.
+
+    Attributes
+    ----------
+    holder : int, optional
+        The browser that has it.
+    asking : list of int
+        Browsers that want it, in order.
+    at : Deflection
+    heard : float
+        When the holder last said where it is [s].
+    """
+
+    holder: int | None = None
+    asking: list[int] = field(default_factory=list)
+    at: Deflection = Deflection()
+    heard: float = 0.0
+
+    def ask(self, browser: int, now: float) -> None:
+        """Give the stick to a browser if nobody has it; else it stands in line."""
+        if self.holder is None:
+            self._hand_to(browser, now)
+        elif browser != self.holder and browser not in self.asking:
+            self.asking.append(browser)
+
+    def give(self, browser: int, now: float) -> bool:
+        """Let whoever has it hand it to the first who asked, or put it down."""
+        if browser != self.holder:
+            return False
+        self.holder, self.at = None, Deflection()
+        if self.asking:
+            self._hand_to(self.asking.pop(0), now)
+        return True
+
+    def leave(self, browser: int) -> bool:
+        """A browser is gone; whether it had the stick, which nobody has then."""
+        if browser in self.asking:
+            self.asking.remove(browser)
+        if browser != self.holder:
+            return False
+        self.holder, self.at = None, Deflection()
+        return True
+
+    def move(self, browser: int, at: Deflection, now: float) -> bool:
+        """Take where a browser says that its stick is; whether it had it."""
+        if browser != self.holder:
+            return False
+        self.at, self.heard = at, now
+        return True
+
+    def silent(self, now: float) -> bool:
+        """Whether the browser that has it has said nothing for too long."""
+        return self.holder is not None and now - self.heard > SILENCE
+
+    def _hand_to(self, browser: int, now: float) -> None:
+        if browser in self.asking:
+            self.asking.remove(browser)
+        self.holder, self.at, self.heard = browser, Deflection(), now
