@@ -72,27 +72,32 @@ class Session:
     # ------------------------------------------------------------ the stick
 
     async def repeat(self) -> None:
-        """Publish where the stick is, 60 times a second, and release it when its page is silent."""
+        """Do `tick` 60 times a second."""
         due = self._clock()
         while not self._closed:
-            if self.stick.silent(self._clock()):
-                self.release()
-            elif self.stick.holder is not None:
-                self._cockpit.joy(self.stick.at)
+            self.tick()
             due = max(due + STICK_PERIOD, self._clock())
             await asyncio.sleep(due - self._clock())
 
+    def tick(self) -> None:
+        """Publish where the stick is; take it from a page that is silent."""
+        if self.stick.silent(self._clock()):
+            self.release()
+        elif self.stick.holder is not None:
+            self._cockpit.joy(self.stick.at)
+
     def release(self) -> None:
-        """Take the stick from whoever has it: neutral once more, then nothing."""
+        """Take the stick from whoever has it."""
         if self.stick.holder is not None:
-            self._let_go(self.stick.leave, self.stick.holder)
+            self._leave(self.stick.holder)
 
     def close(self) -> None:
         """End `repeat` and every socket."""
         self._closed = True
 
-    def _let_go(self, how: Callable[[int], bool], browser: int) -> None:
-        if how(browser):
+    def _leave(self, browser: int) -> None:
+        """Let a browser go; neutral comes once more if it had the stick, and then nothing."""
+        if self.stick.leave(browser, self._clock()):
             self._cockpit.joy(self._neutral)
         self._tell()
 
@@ -128,7 +133,7 @@ class Session:
         finally:
             sending.cancel()
             del self._browsers[browser]
-            self._let_go(self.stick.leave, browser)
+            self._leave(browser)
             with suppress(RuntimeError):
                 await socket.close()
 
@@ -180,7 +185,7 @@ class Session:
             if said.at != before:  # at once; it is repeated in its time
                 self._cockpit.joy(said.at)
         elif isinstance(said, words.Give):
-            self._let_go(lambda browser: self.stick.give(browser, now), browser)
+            self._leave(browser)
         elif isinstance(said, words.Call):
             self._cockpit.call(said.service)
         else:

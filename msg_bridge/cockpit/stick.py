@@ -46,27 +46,24 @@ class Stick:
 
     def ask(self, browser: int, now: float) -> None:
         """Give the stick to a browser if nobody has it; else it stands in line."""
-        if self.holder is None:
-            self._hand_to(browser, now)
-        elif browser != self.holder and browser not in self.asking:
+        if browser != self.holder and browser not in self.asking:
             self.asking.append(browser)
+        if self.holder is None:
+            self._hand_on(now)
 
-    def give(self, browser: int, now: float) -> bool:
-        """Let whoever has it hand it to the first who asked, or put it down."""
-        if browser != self.holder:
-            return False
-        self.holder, self.at = None, Deflection()
-        if self.asking:
-            self._hand_to(self.asking.pop(0), now)
-        return True
+    def leave(self, browser: int, now: float) -> bool:
+        """Let a browser put it down, or be gone: whoever asked first has it then.
 
-    def leave(self, browser: int) -> bool:
-        """A browser is gone; whether it had the stick, which nobody has then."""
+        Returns
+        -------
+        bool
+            Whether it had it.
+        """
         if browser in self.asking:
             self.asking.remove(browser)
         if browser != self.holder:
             return False
-        self.holder, self.at = None, Deflection()
+        self._hand_on(now)
         return True
 
     def move(self, browser: int, at: Deflection, now: float) -> bool:
@@ -80,7 +77,6 @@ class Stick:
         """Whether the browser that has it has said nothing for too long."""
         return self.holder is not None and now - self.heard > SILENCE
 
-    def _hand_to(self, browser: int, now: float) -> None:
-        if browser in self.asking:
-            self.asking.remove(browser)
-        self.holder, self.at, self.heard = browser, Deflection(), now
+    def _hand_on(self, now: float) -> None:
+        self.holder = self.asking.pop(0) if self.asking else None
+        self.at, self.heard = Deflection(), now
