@@ -14,6 +14,7 @@ def main() -> int:
     prepare()
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
+        cockpit,
         demo,
         demos,
         doctor,
@@ -25,6 +26,7 @@ def main() -> int:
         run,
         sitl,
         up,
+        watch,
     )
     from iolspi_ros.cli.app import app
 

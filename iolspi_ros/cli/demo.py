@@ -10,6 +10,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from iolspi_ros.cli.app import app
+from iolspi_ros.cli.cockpit import start_cockpit
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import Follower, fresh
 from iolspi_ros.cli.progress import baseline, console
@@ -28,6 +29,7 @@ def demo(
     out: Annotated[
         Path, typer.Option(help="A new folder for all that is left; out/demo gets numbered ones.")
     ] = Path("out/demo"),
+    watch: Annotated[bool, typer.Option("--watch", help="Show it live in the browser.")] = False,
 ) -> None:
     """Learn a task on a real ROS 2 graph, and report how it went.
 
@@ -59,6 +61,8 @@ def demo(
         watching(vehicle.description, recording) as monitor,
         graph.Graph(out) as nodes,
     ):
+        if watch:
+            console.print(f"Watch it at [bold]{start_cockpit(nodes, out)}[/bold]")
         keep = str(out.resolve() / "checkpoint.npz")
         nodes.start("simulator", {"seed": seed, "episodes": count}, config)
         nodes.start("learner", {"seed": seed, "checkpoint": keep}, config)
