@@ -20,6 +20,7 @@ class Seen:
     terminated, truncated : bool
     numbers : ndarray of shape (1 + n_dims,)
         Reward and state, which need not be finite.
+    source : int
     """
 
     episode: int
@@ -29,6 +30,7 @@ class Seen:
     terminated: bool
     truncated: bool
     numbers: Array
+    source: int = -1
 
     @classmethod
     def of(cls, seen: Observation | None) -> Seen:
@@ -38,7 +40,7 @@ class Seen:
         return cls(
             int(seen.episode), int(seen.step), int(seen.stamp), int(seen.action),
             bool(seen.terminated), bool(seen.truncated),
-            np.array([seen.reward, *seen.state], float),
+            np.array([seen.reward, *seen.state], float), int(seen.source),
         )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -49,5 +51,5 @@ class Seen:
         """The observation."""
         return Observation(
             self.episode, self.step, self.numbers[1:], float(self.numbers[0]), self.action,
-            self.terminated, self.truncated, self.stamp,
+            self.terminated, self.truncated, self.stamp, self.source,
         )  # fmt: skip

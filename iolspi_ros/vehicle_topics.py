@@ -12,34 +12,49 @@ from std_msgs.msg import Float64MultiArray, String
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
+from iolspi_ros.takeover import Takeover
 from iolspi_ros.task import TaskDescription
 
 
 class Answer(NamedTuple):
-    """An action, and the observation that it answers."""
+    """An action, who chose it, and the observation that it answers."""
 
     episode: float
     step: float
     action: int
+    source: int
 
 
 class VehicleTopics:
-    """Publishes `task`, `state` and `reward`, and reads what comes on `action`.
+    """Publishes `task`, `state` and `reward`, and reads what comes on `action` and `takeover`.
 
     Parameters
     ----------
     node : rclpy.node.Node
     task : TaskDescription
+    handed : callable
+        Called when a person has taken the vehicle, or given it back.
+
+    Attributes
+    ----------
+    takeover : Takeover
     """
 
-    def __init__(self, node: Node, task: TaskDescription) -> None:
-        self._node, self._task = node, task
+    def __init__(
+        self, node: Node, task: TaskDescription, handed: Callable[[], None] = lambda: None
+    ) -> None:
+        self._node, self._task, self._handed = node, task, handed
+        self.takeover = Takeover()
         self._states = wire.states(task)
         self._action_rows = wire.Rows("action", wire.ACTION)
         self._reward_rows = wire.RewardRows()
         self._state_out = node.create_publisher(self._states.type, "state", qos.OUTGOING)
         self._reward_out = node.create_publisher(Float64MultiArray, "reward", qos.OUTGOING)
         self._task_out = node.create_publisher(String, "task", qos.LATCHED)
+        self._takeover_rows = wire.Rows("takeover", wire.TAKEOVER)
+        self._takeover_in = node.create_subscription(
+            Float64MultiArray, "takeover", self._on_takeover, qos.LATCHED
+        )
         self._shown = Observation(0, 0, np.zeros(task.n_dims))
         self._packed: tuple[bytes, bytes] | None = None
         self.ignored = 0
@@ -70,24 +85,47 @@ class VehicleTopics:
         return pending
 
     def read(self, message: Any) -> Answer | None:
-        """What a message on `action`, or its bytes, says; None and a word to people for nothing."""
+        """What a message on `action`, or its bytes, says, if it is for the vehicle to take.
+
+        What makes no sense is counted, and said to people.
+        """
         try:
-            episode, step, _, _, value, _ = self._action_rows.read(message)
+            episode, step, _, _, value, source = self._action_rows.read(message)
             action = wire.whole(value)
             if not 0 <= action < self._task.n_actions:
                 raise InputError(f"action is {value}; allowed: 0 to {self._task.n_actions - 1}")
         except InputError as error:
-            self.ignored += 1
-            self._node.get_logger().warning(
-                f"{error} ({self.ignored} ignored)", throttle_duration_sec=5.0
-            )
+            self._ignore(error)
             return None
-        return Answer(episode, step, action)
+        answer = Answer(episode, step, action, wire.whole(source))
+        return answer if self.admits(answer) else None
+
+    def admits(self, answer: Answer) -> bool:
+        """Whether who chose it may act."""
+        return self.takeover.takes(answer.source, answer.action == self._task.neutral)
+
+    def _on_takeover(self, message: Any) -> None:
+        try:
+            *_, held = self._takeover_rows.read(message)
+        except InputError as error:
+            self._ignore(error)
+            return
+        before = self.takeover.held
+        self.takeover.hear(held > 0.5)
+        if self.takeover.held != before:
+            self._handed()
+
+    def _ignore(self, error: InputError) -> None:
+        self.ignored += 1
+        self._node.get_logger().warning(
+            f"{error} ({self.ignored} ignored)", throttle_duration_sec=5.0
+        )
 
     def close(self) -> None:
         """Stop being a vehicle."""
         for publisher in (self._state_out, self._reward_out, self._task_out):
             self._node.destroy_publisher(publisher)
+        self._node.destroy_subscription(self._takeover_in)
 
 
 class TaskListener:

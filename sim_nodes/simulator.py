@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import parameters, qos, runtime, wire
+from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
@@ -25,6 +26,9 @@ from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
 from sim_nodes.world import WorldMemory, WorldSettings, make_world
+
+LOOK = 0.05
+"""Seconds between two looks at what nobody has answered in lockstep."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +90,14 @@ class Simulator(ManagedNode):
         name = parameters.declare(self, TaskChoice).task
         self._task_class = task_class(name)
         self._task_settings = (self._task_class,) if issubclass(self._task_class, Settings) else ()
-        self.settings = parameters.declare(self, SimulatorSettings, ("seed", "episodes"))
+        self.settings = parameters.declare(
+            self, SimulatorSettings, ("seed", "episodes", "real_time_factor")
+        )
         for cls in (*self._task_settings, WorldSettings):
             parameters.declare(self, cls, tuple(field.name for field in fields(cls)))
         parameters.check_changes(self, SimulatorSettings, *self._task_settings, WorldSettings)
         parameters.warn_unknown(self)
+        self.add_post_set_parameters_callback(self._on_changed)
         self._ticks = 0
         self._episode = -1
         self._published = 0.0
@@ -100,7 +107,7 @@ class Simulator(ManagedNode):
     def configure(self) -> None:
         """Make the world, and say what its task is."""
         self._restart()
-        self._topics = VehicleTopics(self, self.task)
+        self._topics = VehicleTopics(self, self.task, self._handed)
         self._clock_out = (
             self.create_publisher(Clock, "/clock", qos.OUTGOING) if self._publishes_clock else None
         )
@@ -114,15 +121,23 @@ class Simulator(ManagedNode):
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/pause", self._on_pause),
         ]
-        if self.settings.mode == "lockstep":
-            self._timer = runtime.wall_timer(self, self.settings.resend_after, self._repeat)
-        else:
-            period = self.task.sampling_time / self.settings.real_time_factor
-            self._timer = runtime.wall_timer(self, period, self._tick)
+        self._keep_time()
         self.get_logger().info(
             f"{self.task.name} in {self.settings.mode}; actions are heard on "
             f"{self.resolve_topic_name('action')}"
         )
+
+    def _keep_time(self) -> None:
+        if self.settings.mode == "lockstep":
+            period = min(self.settings.resend_after, LOOK)
+            self._timer = runtime.wall_timer(self, period, self._look)
+        else:
+            self._timer = runtime.wall_timer(self, self._period, self._tick)
+
+    @property
+    def _period(self) -> float:
+        """Seconds of wall time for a step in real time."""
+        return self.task.sampling_time / self.settings.real_time_factor
 
     def activate(self) -> None:
         """Let the vehicle move."""
@@ -183,7 +198,7 @@ class Simulator(ManagedNode):
             return
         self._begun += 1
         self._episode += 1
-        self._action = self.task.neutral
+        self._action, self._source = self.task.neutral, int(Source.HOLD)
         self._answered = -1
         self._show(self.world.begin(self._episode))
 
@@ -191,28 +206,42 @@ class Simulator(ManagedNode):
         took, steps = time.monotonic() - self._first, self.world.vehicle_steps
         return f", {steps} steps in {took:.3f} s, {steps / took:.1f} steps/s"
 
-    def _advance(self, action: int) -> None:
+    def _advance(self, action: int, source: int) -> None:
         if self.world.vehicle_steps == 0:
             self._first = time.monotonic()
         if self._observation.last:
             self._begin()
         else:
-            self._show(self.world.move(self._episode, action))
+            self._show(self.world.move(self._episode, action)._replace(source=source))
 
     def _show(self, observation: Observation) -> None:
         realtime = self.settings.mode == "realtime"
-        period = self.task.sampling_time / self.settings.real_time_factor
-        self._pulse.beat(period if realtime else 0.0)
+        self._pulse.beat(self._period if realtime else 0.0)
         self._ticks += 1  # also at the start of an episode: every state has a stamp of its own
         stamp = self._ticks * self._stamp_step
         self._observation = observation = observation._replace(stamp=stamp)
         self._topics.show(observation)
         self._publish()
 
-    def _repeat(self) -> None:
+    def _look(self) -> None:
+        """What no answer brings about in lockstep: a neutral step, or the same again."""
+        if self._moving and self._begun and self._without_pilot:
+            self._advance(self.task.neutral, Source.HOLD)
         late = time.monotonic() - self._published > 0.9 * self.settings.resend_after
         if self._begun and late:
             self._publish()
+
+    @property
+    def _without_pilot(self) -> bool:
+        """Whether the person who has the vehicle does nothing, once the episode is under way."""
+        return self._observation.step > 0 and self._topics.takeover.silent
+
+    def _handed(self) -> None:
+        """A person has taken the vehicle, or given it back: the present state is theirs."""
+        if self._begun:
+            self._answered = min(self._answered, self._observation.step - 1)
+            if self.settings.mode == "lockstep":
+                self._publish()
 
     def _publish(self) -> None:
         if not self._moving:
@@ -230,7 +259,7 @@ class Simulator(ManagedNode):
     def _on_action(self, message: Any) -> None:
         answer = self._topics.read(message)
         if answer is not None:
-            self.take(answer)
+            self._take(answer)
 
     def handed_over(self) -> Observation | None:
         """The observation to be answered by a learner in this process; each comes once.
@@ -274,18 +303,38 @@ class Simulator(ManagedNode):
         self._publish()
 
     def take(self, answer: Answer) -> None:
-        """Take an action that answers an observation."""
+        """Take an action of a learner in this process, unless a person has the vehicle."""
+        if self._topics.admits(answer):
+            self._take(answer)
+
+    def _take(self, answer: Answer) -> None:
         if not self._moving or answer.episode != self._episode:
             return
         if self.settings.mode == "lockstep":
             if answer.step == self._observation.step:
-                self._advance(answer.action)
+                self._advance(answer.action, answer.source)
         elif self._answered < answer.step <= self._observation.step:
-            self._answered, self._action = int(answer.step), answer.action
+            self._answered = int(answer.step)
+            self._action, self._source = answer.action, answer.source
 
     def _tick(self) -> None:
-        if self._moving:
-            self._advance(self._action)
+        if not self._moving:
+            return
+        waits = self._observation.step == 0 and self._answered < 0
+        if waits and self._topics.takeover.held:
+            return
+        if self._without_pilot:
+            self._action, self._source = self.task.neutral, Source.HOLD
+        self._advance(self._action, self._source)
+
+    def _on_changed(self, changed: Sequence[Any]) -> None:
+        """Take another pace at once; what else may be set waits for the next reset."""
+        for parameter in changed:
+            if parameter.name == "real_time_factor":
+                self.settings = replace(self.settings, real_time_factor=parameter.value)
+                if self.settings.mode == "realtime" and self._ticks:
+                    self.destroy_timer(self._timer)
+                    self._keep_time()
 
     @property
     def _moving(self) -> bool:
@@ -301,6 +350,8 @@ class Simulator(ManagedNode):
             "steps per second": f"{self._pulse.rate():.1f}",
             "in real time they would be": f"{factor / self.task.sampling_time:.1f}",
             "steps late": self._pulse.late, "actions ignored": self._topics.ignored,
+            "held by a person": "yes" if self._topics.takeover.held else "no",
+            "taken over": self._topics.takeover.count,
         }  # fmt: skip
         if self._moving and not realtime and self._pulse.silence > SILENCE:
             report.worry(f"nobody has answered for {self._pulse.silence:.0f} s")

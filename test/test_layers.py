@@ -24,7 +24,7 @@ ROOMS = {
     "files": ("iolspi_ros.arguments", "iolspi_ros.resources"),
     "tasks": ("sim_nodes.tasks", "sim_nodes.pilots", "sim_nodes.world", "sim_nodes.pictures"),
     "wire": ("iolspi_ros.wire", "iolspi_ros.cdr", "iolspi_ros.pairing", "iolspi_ros.bags",
-             "iolspi_ros.seen"),
+             "iolspi_ros.seen", "iolspi_ros.takeover"),
     "ros": ("iolspi_ros.qos", "iolspi_ros.parameters", "iolspi_ros.runtime", "iolspi_ros.managed",
             "iolspi_ros.vehicle_topics", "iolspi_ros.unheard", "iolspi_ros.vitals"),
     "frames": ("msg_bridge.frames",),

@@ -332,18 +332,19 @@ def test_a_stopped_learner_makes_the_demonstrator_wait_and_nothing_is_lost(nodes
 
 def test_a_stick_makes_samples_of_a_person(nodes, peer, tmp_path):
     peer.listen("sample", Float64MultiArray, qos.SAMPLES)
+    peer.listen("reward", Float64MultiArray, qos.RECORDING)
     joy_out = peer.publisher("joy", Joy)
     nodes.start("simulator")
     nodes.start(
         "demonstrator", "-p", "source:=joy", "-p", "episodes:=1", "-p", "joy_buttons:=[-1, 1]",
-        "-p", f"record:={tmp_path / 'bag'}", "-p", "joy_timeout:=60.0",
+        "-p", f"record:={tmp_path / 'bag'}", "-p", "joy_timeout:=60.0", "-p", "countdown:=0.0",
     )  # fmt: skip
     rows, sent = wire.SampleRows(TASK.names), []
 
     def steer():
-        left = len(peer.heard["sample"]) < 100
-        pressed = len(peer.heard["sample"]) >= 200
-        sent.append(Joy(axes=[1.0 if left else -1.0], buttons=[0, int(pressed)]))
+        step = max((m.data[1] for m in peer.heard["reward"]), default=0.0)
+        left = len(sent) % 2 if step == 0.0 else step < 100
+        sent.append(Joy(axes=[1.0 if left else -1.0], buttons=[0, int(step >= 200)]))
         joy_out.publish(sent[-1])
         return len(peer.heard["sample"]) >= 300
 
@@ -402,11 +403,11 @@ def test_an_axis_may_leave_the_last_action_to_a_button():
     stick = Joystick(JoystickSettings(joy_actions=3, joy_buttons=(3,)), 4, 1)
     chosen = []
     for axis, button in ((1.0, 0), (0.0, 0), (-1.0, 0), (-1.0, 1), (0.9, 0)):
-        stick.take(Joy(axes=[axis], buttons=[button]))
+        stick.take([axis], [button])
         chosen.append(stick.action())
     assert chosen == [0, 1, 2, 3, 0]
     everything = Joystick(JoystickSettings(), 4, 1)
-    everything.take(Joy(axes=[-1.0], buttons=[]))
+    everything.take([-1.0], [])
     assert everything.action() == 3
 
 

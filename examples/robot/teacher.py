@@ -36,12 +36,16 @@ class Teacher(Node):
     def __init__(self):
         super().__init__("teacher")
         self.joy = self.create_publisher(Joy, "joy", 10)
+        self.seen = 0
         self.create_subscription(Odometry, "odom", self.look, 10)
 
     def look(self, message):
         pose = message.pose.pose
         heading = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
         pressed = choose(pose.position.x, pose.position.y, heading)
+        self.seen += 1
+        if self.seen % 100 < 5:  # lets go now and then: a demonstration begins at a press
+            pressed = None
         self.joy.publish(Joy(axes=[0.0], buttons=[int(n == pressed) for n in range(5)]))
 
 

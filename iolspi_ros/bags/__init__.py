@@ -8,7 +8,7 @@ from iolspi_ros.bags.demonstration import (
 )
 from iolspi_ros.bags.reader import Damage, Record, deserialise, records
 from iolspi_ros.bags.selection import Selection, select
-from iolspi_ros.bags.writer import BagWriter, compact
+from iolspi_ros.bags.writer import BagWriter, check_place, compact
 
 __all__ = [
     "CARD",
@@ -17,6 +17,7 @@ __all__ = [
     "Demonstration",
     "Record",
     "Selection",
+    "check_place",
     "compact",
     "deserialise",
     "numbered_through",

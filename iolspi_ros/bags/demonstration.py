@@ -231,11 +231,17 @@ class Finder:
 
     @property
     def notes(self) -> list[str]:
-        """What was made up, for a person."""
+        """What was made up or left out, for a person."""
         count = sum(vehicle.differenced for vehicle in self._vehicles.values())
-        if not count:
-            return []
-        return [f"{count} states have no velocity; differences of their positions stand for it"]
+        left_out = sum(vehicle.discarded for vehicle in self._vehicles.values())
+        found = []
+        if count:
+            found.append(
+                f"{count} states have no velocity; differences of their positions stand for it"
+            )
+        if left_out:
+            found.append(f"{left_out} episodes that were discarded are left out")
+        return found
 
     def topics(self) -> str:
         """What the bag holds, in words."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from iolspi_ros.errors import InputError, check_choice, check_range
 
-ROLES = ("task", "state", "reward", "sample")
+ROLES = ("task", "state", "reward", "sample", "verdict")
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ class _Run:
     samples: dict[Key, Sample] = field(default_factory=dict)
     states: dict[int, Array] = field(default_factory=dict)
     rewards: dict[Key, tuple[int, Any]] = field(default_factory=dict)
+    verdicts: dict[int, bool] = field(default_factory=dict)
 
 
 class Vehicle:
@@ -95,11 +96,12 @@ class Vehicle:
         self._task = task
         self._sample_rows = wire.SampleRows(task.names)
         self._reward_rows = wire.RewardRows()
+        self._verdict_rows = wire.Rows("verdict", wire.VERDICT)
         self._states = wire.states(task)
         self._lines: dict[str, _Line] = {}
         self._runs: dict[int, _Run] = {}
         self.described: list[TaskDescription] = []
-        self.differenced = 0
+        self.differenced = self.discarded = 0
         self._position: dict[int, tuple[int, Array]] = {}
 
     def take(self, role: str, topic: str, message: Any, data: bytes) -> None:
@@ -119,6 +121,10 @@ class Vehicle:
             key = (wire.whole(values[0]), wire.whole(values[1]))
             said = (wire.join(values[2], values[3]), values)
             self._place(topic, key, data, lambda n: self._run(n).rewards.update({key: said}))
+        elif role == "verdict":
+            episode, *_, kept = self._verdict_rows.read(message)
+            run = max((line.run for line in self._lines.values()), default=0)  # under way
+            self._run(run).verdicts[wire.whole(episode)] = kept > 0.5
         else:
             self._take_state(topic, message, data)
 
@@ -166,8 +172,16 @@ class Vehicle:
         whole = {n: run.samples for n, run in self._runs.items() if run.samples}
         if not whole:
             whole = {n: self._paired(n, run) for n, run in self._runs.items()}
-        found = {n: [by_key[k] for k in sorted(by_key)] for n, by_key in whole.items() if by_key}
+        self.discarded = 0
+        wanted = {n: self._kept(self._runs[n], by_key) for n, by_key in whole.items()}
+        found = {n: [by_key[k] for k in sorted(by_key)] for n, by_key in wanted.items() if by_key}
         return {place: found[n] for place, n in enumerate(sorted(found), 1)}
+
+    def _kept(self, run: _Run, samples: dict[Key, Sample]) -> dict[Key, Sample]:
+        """Those of episodes that nobody has discarded; the others are counted."""
+        kept = {key: s for key, s in samples.items() if run.verdicts.get(key[0], True)}
+        self.discarded += len({key[0] for key in samples}) - len({key[0] for key in kept})
+        return kept
 
     def _paired(self, number: int, run: _Run) -> dict[Key, Sample]:
         """Transitions of states and rewards."""
@@ -181,7 +195,7 @@ class Vehicle:
             after = seen.get((key[0], key[1] + 1))
             if after is not None:
                 transition = transition_between(before, after)
-                found[key] = Sample(*key, before.stamp, transition, -1)
+                found[key] = Sample(*key, before.stamp, transition, transition.source)
         return found
 
     def _state(self, number: int, stamp: int) -> Array | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -162,6 +163,23 @@ class BagWriter:
                 "ros_distro": "jazzy",
             }
         }
+
+
+def check_place(path: Path) -> None:
+    """See that a bag can be made at a path, without making it.
+
+    Raises
+    ------
+    InputError
+        When it exists already, or nothing can be made there.
+    """
+    if path.exists():
+        raise InputError(f"bag {path} exists already; allowed: a folder that is not there yet")
+    parent = next(folder for folder in path.absolute().parents if folder.exists())
+    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+        raise InputError(
+            f"bag {path} cannot be made in {parent}; allowed: a place you may write to"
+        )
 
 
 def compact(path: Path) -> None:

@@ -93,7 +93,10 @@ class Buffer:
     def __len__(self) -> int:
         return len(self.transitions)
 
-    def add(self, batch: Transitions, step: int, demonstrated: bool = False) -> Buffer:
+    def add(
+        self, batch: Transitions, step: int, demonstrated: NDArray[np.bool_] | bool = False,
+        *, at_once: bool = False,
+    ) -> Buffer:  # fmt: skip
         """With a batch more, and without what no longer fits.
 
         Parameters
@@ -102,19 +105,22 @@ class Buffer:
             Oldest first.
         step : int
             Online step k of its last sample.
-        demonstrated : bool
+        demonstrated : ndarray of bool, shape (n_samples,), or bool for all
+        at_once : bool
+            All are as old as the last: they were not flown online.
 
         Returns
         -------
         Buffer
         """
-        newer = np.zeros(len(batch), np.int64) if demonstrated else np.arange(len(batch))[::-1]
-        born = step - newer  # demonstrations are as old as what is learned from them
+        newer = np.zeros(len(batch), np.int64) if at_once else np.arange(len(batch))[::-1]
+        born = step - newer
+        shown = np.broadcast_to(demonstrated, len(batch))
         grown = replace(
             self,
             transitions=self.transitions + batch,
             born=np.concatenate([self.born, born]),
-            demonstrated=np.concatenate([self.demonstrated, np.full(len(batch), demonstrated)]),
+            demonstrated=np.concatenate([self.demonstrated, shown]),
         )
         return grown._rows(grown._staying())
 

@@ -16,7 +16,7 @@ import typing
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -327,6 +327,9 @@ def _join(cls: type[Any], rest: Any, path: str, arrays: Mapping[str, Any]) -> An
     hints, values = typing.get_type_hints(cls), {}
     for field in fields(cls):
         hint, place = hints[field.name], f"{path}{field.name}"
+        optional = field.default is not MISSING or field.default_factory is not MISSING
+        if optional and place not in arrays and field.name not in rest:
+            continue  # it was saved before there was such a field
         try:
             if (typing.get_origin(hint) or hint) is np.ndarray:
                 values[field.name] = _array_like(arrays[place], hint, place)

@@ -40,6 +40,10 @@ class Source(IntEnum):
     SHIELD = 6
 
 
+PERSON = (Source.HUMAN, Source.CORRUPTED)
+"""Sources of a person's actions: what they did counts as demonstrated, whenever they did it."""
+
+
 def always(share: float) -> bool:
     """Go on."""
     return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -86,6 +87,8 @@ class LSPIState:
     shield : ShieldState
     batch : Transitions
         Observed since the last update.
+    batch_source : ndarray of int, shape (n_samples,)
+        Who chose their actions; empty for a state from before that was known.
     step, n_samples, updates, dropped, vetoes : int
     rng : dict
         State of the random generator.
@@ -103,6 +106,9 @@ class LSPIState:
     dropped: int
     vetoes: int
     rng: dict[str, Any]
+    batch_source: NDArray[np.int64] = dataclasses.field(
+        default_factory=lambda: np.zeros(0, np.int64)
+    )
 
 
 COUNTERS = ("step", "n_samples", "updates", "dropped", "vetoes")
@@ -141,6 +147,8 @@ def check(state: LSPIState, mine: LSPIState, task: TaskDescription, size: int) -
             )
     if not len(kept.born) == len(kept.demonstrated) == len(kept.transitions):
         raise InputError("buffer has columns of different lengths; allowed: one length")
+    if len(state.batch_source) not in (0, len(state.batch)):
+        raise InputError("batch has columns of different lengths; allowed: one length")
 
 
 def _check_like(name: str, found: Any, mine: Any) -> None:

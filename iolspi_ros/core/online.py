@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from iolspi_ros.core.choice import Choice, choose, epsilon_at, greedy_action, guarded
 from iolspi_ros.core.features import Basis
 from iolspi_ros.core.kernels import Crowds, Kernels
-from iolspi_ros.core.learner import Kernel, Proceed, Source, always
+from iolspi_ros.core.learner import PERSON, Kernel, Proceed, Source, always
 from iolspi_ros.core.lspi import greedy, offline_lspi
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.lspi_state import (
@@ -226,7 +226,8 @@ class OnlineLSPI:
             found = self._offline(rows, proceed)
         else:
             start = np.zeros_like(self.weights)  # costs nothing anywhere, so everything is tried
-            found = self._refreshed(rows, start, True, proceed)()
+            shown = np.ones(len(rows), bool)
+            found = self._refreshed(rows, shown, start, proceed, pretraining=True)()
         refreshed = found.refresh
         accepted = refreshed.used if refreshed else found.solve.status != "non-finite"
         report = self._report(0, accepted, found)
@@ -273,10 +274,11 @@ class OnlineLSPI:
 
     def begin_update(self) -> Callable[[], Computed]:
         """Take the batch; the returned computation may run anywhere."""
+        shown = np.isin(self.batch.source, PERSON)
         batch = self.batch.take()
         self.n_samples += len(batch)
         if not self.literal:
-            return self._refreshed(batch, self.weights, False, always)
+            return self._refreshed(batch, shown, self.weights, always)
         # Drawn here, so that the generator is touched by one thread only.
         tie_breaker = np.random.default_rng(self.rng.integers(2**63))
         moments, weights, buffer = self.moments, self.weights, self.buffer
@@ -317,9 +319,11 @@ class OnlineLSPI:
     def _refreshed(
         self,
         batch: Transitions,
+        demonstrated: NDArray[np.bool_],
         weights: Array,
-        demonstrated: bool,
         proceed: Proceed,
+        *,
+        pretraining: bool = False,
     ) -> Callable[[], Computed]:
         """The refreshed update of a batch, started from some weights."""
         task, step, s = self.task, self.step, self.settings
@@ -332,13 +336,13 @@ class OnlineLSPI:
             if isinstance(features, Kernels):
                 basis = features.around(seen.state[believed], s.kernels)
                 cells = Crowds(basis)
-            buffer = replace(kept, cells=cells).add(batch, step, demonstrated)
+            buffer = replace(kept, cells=cells).add(batch, step, demonstrated, at_once=pretraining)
             new = batch[believed[len(kept) :]]
-            grown = shield.learn(new, 1.0 if demonstrated else s.forget_factor)
+            grown = shield.learn(new, 1.0 if pretraining else s.forget_factor)
             among = grown.among(buffer.transitions.next_state)
             found = refresh(
                 buffer, step, basis, task, s, weights, proceed, among, limits, features,
-                anything=demonstrated and not len(kept),
+                anything=pretraining and not len(kept),
             )  # fmt: skip
             return Computed(
                 found.weights, found.solve, moments, buffer, grown,
@@ -367,6 +371,7 @@ class OnlineLSPI:
             self.weights, KernelState.of(self.features, self.task.n_dims), self.moments,
             BufferState(kept.transitions, kept.born, kept.demonstrated), ShieldState(**shield),
             self.batch.rows(), **counters, rng=dict(self.rng.bit_generator.state),
+            batch_source=self.batch.source,
         )  # fmt: skip
 
     def restore(self, state: LSPIState) -> None:
@@ -392,5 +397,6 @@ class OnlineLSPI:
         for name in COUNTERS:
             setattr(self, name, getattr(state, name))
         self.batch.take()
-        for transition in state.batch:
-            self.batch.append(transition)
+        source = state.batch_source if len(state.batch_source) else np.full(len(state.batch), -1)
+        for transition, chosen in zip(state.batch, source.tolist(), strict=True):
+            self.batch.append(transition._replace(source=chosen))

@@ -29,6 +29,8 @@ class Transition(NamedTuple):
         The task ended in `next_state`: nothing follows, its value is zero.
     truncated : bool
         The episode was cut there by the clock: its value goes on.
+    source : int
+        Who chose a_k, as numbered by `learner.Source`; -1 when nobody says.
     """
 
     state: Array
@@ -37,6 +39,7 @@ class Transition(NamedTuple):
     next_state: Array
     terminated: bool = False
     truncated: bool = False
+    source: int = -1
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,7 @@ class Batch:
             np.empty(room, bool),
             np.empty(room, bool),
         )
+        self._source = np.empty(room, np.int64)
         self._used = 0
 
     def __len__(self) -> int:
@@ -142,8 +146,9 @@ class Batch:
         """Rows to write the next transitions into, neither ended nor cut; see `written`."""
         while self._used + count > len(self._columns):
             doubled = np.arange(2 * len(self._columns)) % len(self._columns)
-            self._columns = self._columns[doubled]
+            self._columns, self._source = self._columns[doubled], self._source[doubled]
         rows = self._columns[self._used : self._used + count]
+        self._source[self._used : self._used + count] = -1
         rows.terminated[:] = False
         rows.truncated[:] = False
         return rows
@@ -168,11 +173,17 @@ class Batch:
         columns.next_state[row] = transition.next_state
         columns.terminated[row] = transition.terminated
         columns.truncated[row] = transition.truncated
+        self._source[row] = transition.source
         self._used += 1
 
     def rows(self) -> Transitions:
         """A copy of what is there."""
         return self._columns[np.arange(self._used)]
+
+    @property
+    def source(self) -> NDArray[np.int64]:
+        """Who chose the action of each, shape (n_samples,); -1 where nobody says."""
+        return self._source[: self._used].copy()
 
     def take(self) -> Transitions:
         """What is there, and begin anew."""
@@ -220,8 +231,9 @@ class Observation(NamedTuple):
 def transition_between(before: Observation, after: Observation) -> Transition:
     """The step from one observation to the next."""
     return Transition(
-        before.state, after.action, after.reward, after.state, after.terminated, after.truncated
-    )
+        before.state, after.action, after.reward, after.state, after.terminated, after.truncated,
+        after.source,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -48,10 +48,10 @@ class Composition:
             if time.monotonic() > end:
                 break
             observation = self.simulator.handed_over()
-            action = None if observation is None else self.learner.respond(observation)
-            if observation is None or action is None:
+            answer = None if observation is None else self.learner.respond(observation)
+            if observation is None or answer is None:
                 return step > 0
-            self.simulator.take(Answer(observation.episode, observation.step, action))
+            self.simulator.take(Answer(observation.episode, observation.step, *answer))
         return True
 
 

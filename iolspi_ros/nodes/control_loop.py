@@ -176,14 +176,15 @@ class ControlLoop:
         if observation is not None and self.running:
             self._respond(observation)
 
-    def respond(self, observation: Observation) -> int | None:
-        """Answer an observation of a vehicle in this process; None while nobody acts."""
+    def respond(self, observation: Observation) -> tuple[int, Source] | None:
+        """Action and source for an observation of a vehicle in this process; None for none yet."""
         self._heard = True
         if not self.running:
             return None
         self._pairer.take(observation)
         self._respond(observation)
-        return self._action if self._newest == (observation.episode, observation.step) else None
+        answered = self._newest == (observation.episode, observation.step)
+        return (self._action, self._source) if answered else None
 
     def _respond(self, observation: Observation) -> None:
         key = (observation.episode, observation.step)
@@ -202,6 +203,7 @@ class ControlLoop:
         if self._controller.busy:
             self._waiting = observation
             return
+        self._waiting = None
         self._newest = key
         self._action, self._source = self._choose(observation)
         self._pack(observation)
@@ -224,6 +226,11 @@ class ControlLoop:
         waiting, self._waiting = self._waiting, None
         if waiting is not None and self.running:
             self._respond(waiting)
+
+    @property
+    def seen(self) -> Observation | None:
+        """The newest observation that came while it was running."""
+        return self._seen
 
     def memory(self) -> LoopMemory:
         """Where it is, for a checkpoint."""

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
 from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.control_loop import TASK, no_vehicle
-from iolspi_ros.nodes.joystick import JoystickSettings
+from iolspi_ros.nodes.hand import HandFlight, Override, TakeoverSettings
+from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
+from iolspi_ros.nodes.pilot_topics import PilotTopics
+from iolspi_ros.nodes.piloting import PilotingSettings
 from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
-from iolspi_ros.nodes.teleop import Teleop, TeleopSettings
+from iolspi_ros.nodes.teleop import ScriptedFlight, TeleopSettings
 from iolspi_ros.runtime import RCLError
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
@@ -59,12 +65,18 @@ class Demonstrator(ManagedNode):
         self._teleop_settings = parameters.declare(self, TeleopSettings, ("corruption",))
         self._pilot = parameters.declare(self, PilotSettings)
         self._joystick = parameters.declare(self, JoystickSettings)
+        self._piloting = parameters.declare(self, PilotingSettings)
+        self._takeover = parameters.declare(self, TakeoverSettings)
         self._player_settings = parameters.declare(self, PlayerSettings)
         parameters.check_changes(self, TeleopSettings)
         parameters.warn_unknown(self, ("task",))
         self._waiting: deque[Any] = deque()
         self._bag: bags.BagWriter | None = None
-        self._work: Player | Teleop | None = None
+        self._work: Player | ScriptedFlight | HandFlight | Override | None = None
+        self._stick: Joystick | None = None
+        self._topics: PilotTopics | None = None
+        self._ended = False
+        self.recorded = 0
         self._watch: Any = None
         self._sent = 0
 
@@ -74,13 +86,29 @@ class Demonstrator(ManagedNode):
         """Listen for a task; what is demonstrated follows then."""
         if self.settings.source == "bag":
             check_bags(self._player_settings)
+        if self.settings.record:
+            bags.check_place(self._place)
         self._sample_out = self.create_publisher(Float64MultiArray, "sample", qos.SAMPLES)
         self._demonstration_out = self.create_publisher(
             Float64MultiArray, "demonstration", qos.LATCHED
         )
         self._last = (0, 0, 0)  # episode, step and stamp of the last sample
-        self._vitals = Vitals(self, "demonstrating", ("sample", "demonstration"), self._diagnose)
-        self._flushing = runtime.wall_timer(self, 0.05, self.flush)
+        sole = ("sample", "demonstration", *(["joy"] if self._person else []))
+        self._vitals = Vitals(self, "demonstrating", sole, self._diagnose)
+        self._flushing = runtime.wall_timer(self, 0.05, self._look_after)
+        self._joy: list[Any] = []
+        if self._person:
+            self._joy = [self.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)]
+        verdicts: dict[str, Callable[[HandFlight], str]] = {
+            "keep": HandFlight.keep,
+            "discard": HandFlight.discard,
+            "undo": HandFlight.undo,
+            "finish": HandFlight.finish,
+        }
+        self._services_ = [
+            self.create_service(Trigger, f"~/{name}", self._verdict(act))
+            for name, act in verdicts.items()
+        ]
         self._listener = TaskListener(self, self._on_task, self._on_conflict)
 
     def activate(self) -> None:
@@ -101,7 +129,14 @@ class Demonstrator(ManagedNode):
         self.close()
         if self._work is not None:
             self._work.close()
-        self._work = None
+        if self._topics is not None:
+            self._topics.close()
+        self._work = self._topics = self._stick = None
+        self._ended = False
+        for subscription in self._joy:
+            self.destroy_subscription(subscription)
+        for service in self._services_:
+            self.destroy_service(service)
         self._listener.close()
         self._vitals.close()
         self.destroy_timer(self._flushing)
@@ -120,24 +155,41 @@ class Demonstrator(ManagedNode):
                 )
             self.task, self._rows = task, wire.SampleRows(task.names)
             self._announcements = wire.Rows("demonstration", wire.DEMONSTRATION)
-            if self.settings.source == "bag":
-                self._origin = PILOTS["bag"] + ", ".join(self._player_settings.bags)
-                self._work = Player(self, self._player_settings)
-            else:
-                self._origin = PILOTS[self.settings.source]
-                self._work = Teleop(
-                    self, self._teleop_settings, self._scripted(task), self._joystick
-                )
+            self._work = self._demonstrate(task)
         except InputError as error:
             self.fail(error)
             return
         if self.active:
             self._work.resume()
 
-    def _scripted(self, task: TaskDescription) -> ScriptedPilot | None:
-        """The scripted pilot, when that is who flies."""
-        if self.settings.source != "scripted":
-            return None
+    @property
+    def _person(self) -> bool:
+        """Whether a person has a part in it."""
+        return self.settings.source == "joy" or self._takeover.takeover_button >= 0
+
+    @property
+    def _place(self) -> Path:
+        """Where it is recorded to."""
+        return Path(self.settings.record).expanduser()
+
+    def _demonstrate(self, task: TaskDescription) -> Player | ScriptedFlight | HandFlight:
+        """Make who demonstrates."""
+        self._origin = PILOTS[self.settings.source]
+        if self._person:
+            button = self._takeover.takeover_button
+            self._stick = Joystick(self._joystick, task.n_actions, task.neutral, (button,))
+            self._topics = PilotTopics(self, self._teleop_settings.episodes)
+        if self.settings.source == "bag":
+            self._origin += ", ".join(self._player_settings.bags)
+            return Player(self, self._player_settings)
+        if self.settings.source == "scripted":
+            return ScriptedFlight(self, self._teleop_settings, self._scripted(task))
+        assert self._stick is not None
+        assert self._topics is not None
+        return HandFlight(self, self._teleop_settings, self._piloting, self._stick, self._topics)
+
+    def _scripted(self, task: TaskDescription) -> ScriptedPilot:
+        """The scripted pilot."""
         vehicle = task_class(self.settings.model or task.name)()
         vehicle.description.check_same(task, "the model that the pilot knows", "the vehicle")
         rng = np.random.default_rng([self._teleop_settings.seed, 2])
@@ -155,6 +207,43 @@ class Demonstrator(ManagedNode):
             timeout = self._teleop_settings.vehicle_timeout
             self.fail(no_vehicle(self, self._listener.topic, timeout, TASK, qos.TASK))
 
+    # ------------------------------------------------------------ a person
+
+    def _on_joy(self, message: Joy) -> None:
+        if self._stick is None:
+            return
+        before = self._stick.fault
+        self._stick.take(message.axes, message.buttons)
+        if self._stick.fault and self._stick.fault != before:
+            self.get_logger().error(f"{self._stick.fault}; it does not fly")
+        if self.active and isinstance(self._work, HandFlight | Override):
+            self._work.look()
+
+    def _verdict(self, act: Callable[[HandFlight], str]) -> Callable[[Any, Any], Any]:
+        def answer(_: Any, response: Any) -> Any:
+            try:
+                if not isinstance(self._work, HandFlight):
+                    raise InputError("nobody demonstrates by joystick; allowed: source:=joy")
+                response.message, response.success = act(self._work), True
+                self.get_logger().info(response.message)
+            except InputError as error:
+                response.message, response.success = str(error), False
+            return response
+
+        return answer
+
+    def _look_after(self) -> None:
+        """Publish what waits; after the demonstration leave the vehicle to whoever takes it."""
+        self.flush()
+        if not self._ended or self._takeover.takeover_button < 0 or self._stick is None:
+            return
+        if isinstance(self._work, Override) or self._topics is None or self._work is None:
+            return
+        self._work.close()
+        self._work = Override(self, self._takeover, self._stick, self._topics)
+        if self.active:
+            self._work.resume()
+
     # ------------------------------------------------------------ what demonstrates calls these
 
     @property
@@ -165,7 +254,11 @@ class Demonstrator(ManagedNode):
     def begin(self) -> None:
         """Start recording, if that is wanted, and say that a demonstration begins."""
         if self.settings.record:
-            self._bag = bags.BagWriter(Path(self.settings.record).expanduser())
+            try:
+                self._bag = bags.BagWriter(self._place)
+            except InputError as error:
+                self.fail(error)
+                return
             task = wire.task_message(self.task)
             self.record("task", wire.type_name(task), 0, serialize_message(task))
         self._announce(active=True)
@@ -173,13 +266,19 @@ class Demonstrator(ManagedNode):
     def end(self) -> None:
         """Say that the demonstration has ended, and close the bag."""
         self._announce(active=False)
-        self.close()
+        self._close_bag()
+        self._ended = True
         self.get_logger().info(f"demonstration ended: {self._sent} samples")
 
     def send(self, sample: Sample) -> None:
         """Record one transition, and publish it as soon as the listeners keep up."""
         message = self._rows.of(sample)
         self.record("sample", wire.ROW, sample.stamp, message)
+        self.recorded += 1
+        self.queue(sample, message)
+
+    def queue(self, sample: Sample, message: bytes) -> None:
+        """Publish one transition as soon as the listeners keep up."""
         self._waiting.append(message)
         self.flush()
         self._sent += 1
@@ -199,22 +298,31 @@ class Demonstrator(ManagedNode):
 
     def record(self, topic: str, kind: str, stamp: int, data: bytes) -> None:
         """Write a serialised message to the bag, if one is being recorded."""
-        if self._bag is not None:
+        if self._bag is None:
+            return
+        try:
             self._bag.write(topic, kind, stamp, data)
+        except InputError as error:  # a full disk; what was written stays
+            self.fail(error)
 
     def listeners(self) -> int:
         """How many nodes take samples."""
         return self._sample_out.get_subscription_count()
 
     def close(self) -> None:
-        """Close the bag and write its card."""
+        """Put away what was flown, close the bag and write its card."""
+        if self._work is not None and not isinstance(self._work, Player):
+            self._work.put_away()
+        self._close_bag()
+
+    def _close_bag(self) -> None:
         if self._bag is None:
             return
         bag, self._bag = self._bag, None
         bag.close()
         bags.write_card(bag.path, self._card())
         # Printed: after a signal nothing can be logged to the graph any more.
-        print(f"demonstrator: {self._sent} samples are in {bag.path}", file=sys.stderr)
+        print(f"demonstrator: {self.recorded} samples are in {bag.path}", file=sys.stderr)
 
     def _diagnose(self) -> Report:
         phase = "waiting for a vehicle" if self._work is None else "demonstrating"
@@ -226,7 +334,25 @@ class Demonstrator(ManagedNode):
         }  # fmt: skip
         if len(self._waiting) > 1:
             report.worry(f"{len(self._waiting)} samples wait for a slow listener")
+        if self._stick is not None:
+            self._diagnose_person(self._stick, report)
         return report
+
+    def _diagnose_person(self, stick: Joystick, report: Report) -> None:
+        report.values |= {"joystick": "silent" if stick.silent else "there",
+                          "joystick messages dropped": stick.dropped}  # fmt: skip
+        report.worry(stick.fault, DiagnosticStatus.ERROR)
+        if stick.dropped:
+            report.worry(f"{stick.dropped} messages of the joystick were no positions of a stick")
+        if isinstance(self._work, HandFlight):
+            piloting = self._work.piloting
+            report.values |= {"piloting": piloting.phase.name.lower().replace("_", " "),
+                              "kept": piloting.kept, "discarded": piloting.discarded}  # fmt: skip
+            if piloting.phase is wire.Phase.PAUSED:
+                report.worry("the joystick is silent; its driver must repeat what it says "
+                             "(autorepeat_rate of joy_node)")  # fmt: skip
+        if self._topics is not None:
+            report.values["vehicle"] = "held" if self._topics.held else "not held"
 
     def _announce(self, *, active: bool) -> None:
         episode, step, stamp = self._last
@@ -240,7 +366,7 @@ class Demonstrator(ManagedNode):
         if self.settings.source != "bag":
             card["corruption"] = self.corruption
             card["seed"] = int(self.get_parameter("seed").value)
-        return card | {"samples": self._sent, "version": __version__}
+        return card | {"samples": self.recorded, "version": __version__}
 
 
 def main() -> int:

@@ -291,7 +291,7 @@ class LearnerNode(ManagedNode):
 
     # ------------------------------------------------------------ in the control loop
 
-    def respond(self, observation: Observation) -> int | None:
+    def respond(self, observation: Observation) -> tuple[int, Source] | None:
         """Answer a vehicle in this process; None while this node does not act."""
         return None if self.core is None else self._loop.respond(observation)
 

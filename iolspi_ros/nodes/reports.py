@@ -9,7 +9,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, runtime, wire
-from iolspi_ros.core.learner import Learner, Source, Update
+from iolspi_ros.core.learner import PERSON, Learner, Source, Update
 from iolspi_ros.core.samples import Array, Observation
 
 
@@ -32,13 +32,15 @@ class Reports:
         self._update_out = node.create_publisher(Float64MultiArray, "update", qos.REPORTS)
         self._weights_out = node.create_publisher(Float64MultiArray, "weights", qos.REPORTS)
         self._update: Update | None = None
-        self._kept = 0
+        self._kept = self._all_interventions = 0
         self._pretraining = "none"
         self._key = (0, 0)
+        self._before = int(Source.HOLD)  # what was answered last
         self._begin()
 
     def _begin(self) -> None:
         self._score, self._discounted, self._explored = 0.0, 0.0, 0
+        self._interventions, self._flown = 0, False  # whether a person chose the action before
 
     def answered(self, observation: Observation, source: Source) -> None:
         """Add a reward to the score of its episode; publish the score at the end."""
@@ -48,11 +50,23 @@ class Reports:
             self._score += observation.reward
             gamma = self._core.task.gamma
             self._discounted += gamma ** (observation.step - 1) * observation.reward
-        self._explored += source == Source.EXPLORE
+        applied = observation.source if observation.source >= 0 else self._before
+        self._explored += applied == Source.EXPLORE
+        self._watch(applied)
+        self._before = source
         self._key = (observation.episode, observation.step)
         if observation.last:
-            values = (*self._head(), self._score, self._discounted, self._explored, 0)
+            sums = (self._score, self._discounted, self._explored, self._interventions)
+            values = (*self._head(), *sums)
             runtime.publish(self._score_out, self._score_rows.message(*values))
+
+    def _watch(self, source: int) -> None:
+        """Count how often a person takes over; what the vehicle holds meanwhile is still theirs."""
+        flown = source in PERSON or (self._flown and source == Source.HOLD)
+        if flown and not self._flown:
+            self._interventions += 1
+            self._all_interventions += 1
+        self._flown = flown
 
     def update(self, update: Update) -> None:
         """Publish one policy update."""
@@ -84,6 +98,7 @@ class Reports:
             "epsilon": f"{core.epsilon:.4g}",
             "weights' norm": f"{np.linalg.norm(core.snapshot):.6g}",
             "transitions dropped": core.dropped,
+            "times a person took over": self._all_interventions,
             "offline LSPI": self._pretraining,
             **core.health(),
         }
@@ -99,13 +114,17 @@ class Reports:
 
     def memory(self) -> Array:
         """Sums of the episode under way, for a checkpoint."""
-        return np.array([self._score, self._discounted, self._explored], float)
+        return np.array(
+            [self._score, self._discounted, self._explored, self._interventions, self._flown], float
+        )
 
     def recall(self, memory: Array) -> None:
         """Go on from what `memory` gave."""
-        if memory.shape == (3,):
+        if memory.shape in ((3,), (5,)):  # three before interventions were counted
             self._score, self._discounted = float(memory[0]), float(memory[1])
             self._explored = int(memory[2])
+        if memory.shape == (5,):
+            self._interventions, self._flown = int(memory[3]), bool(memory[4])
 
     def close(self) -> None:
         """Publish nothing more."""

@@ -16,10 +16,13 @@ class SamplesOut(Protocol):
     ----------
     task : TaskDescription
     active : bool
+    recorded : int
+        Samples in the bag that are to be read.
     """
 
     task: TaskDescription
     active: bool
+    recorded: int
 
     @property
     def corruption(self) -> float:
@@ -36,6 +39,10 @@ class SamplesOut(Protocol):
 
     def send(self, sample: Sample) -> None:
         """Record one transition, and publish it as soon as the listeners keep up."""
+        ...
+
+    def queue(self, sample: Sample, message: bytes) -> None:
+        """Publish one transition as soon as the listeners keep up."""
         ...
 
     def flush(self) -> bool:

@@ -1,17 +1,15 @@
-"""Driving the vehicle: joystick or script answers it, and samples come of that."""
+"""Driving the vehicle: a pilot answers it, and samples come of that."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from sensor_msgs.msg import Joy
 
-from iolspi_ros import qos, wire
+from iolspi_ros import wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.nodes.control_loop import ControlLoop
-from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
 from iolspi_ros.nodes.samples_out import SamplesOut
 from iolspi_ros.settings import Settings, setting
 from sim_nodes.pilots import ScriptedPilot
@@ -34,102 +32,150 @@ class TeleopSettings(Settings):
 
 
 class Teleop:
-    """Controls the vehicle for a number of episodes.
+    """Controls the vehicle for a number of episodes; who flies is a subclass.
 
     Parameters
     ----------
     node : SamplesOut
     settings : TeleopSettings
-    pilot : ScriptedPilot, optional
-        Who flies; a person with the joystick when there is none.
-    joystick : JoystickSettings
+    rng : numpy.random.Generator
+        Of the corruption.
+    timeout : float
+        As of `ControlLoop`.
     """
 
-    busy = False
-    """A pilot always has an answer."""
-
     def __init__(
-        self,
-        node: SamplesOut,
-        settings: TeleopSettings,
-        pilot: ScriptedPilot | None,
-        joystick: JoystickSettings,
+        self, node: SamplesOut, settings: TeleopSettings, rng: np.random.Generator, timeout: float
     ) -> None:
-        self._node, self._settings, self._pilot = node, settings, pilot
-        self._rng = np.random.default_rng([settings.seed, 2]) if pilot is None else pilot.rng
+        self._node, self._settings, self._rng = node, settings, rng
         self._rewards, self._states = wire.RewardRows(), wire.states(node.task)
         self._given: dict[tuple[int, int], tuple[int, Source]] = {}
-        self._ended = 0
         self._begun = self._over = False
-        self._joystick = Joystick(joystick, node.task.n_actions, node.task.neutral)
-        self._joy = node.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)
-        self._loop = ControlLoop(node, node.task, self, settings.vehicle_timeout)
-        if pilot is None:
-            topic = node.resolve_topic_name("joy")
-            node.get_logger().info(f"waiting for a joystick on {topic}")
+        self._loop = ControlLoop(node, node.task, self, timeout)
+
+    # ------------------------------------------------------------ for subclasses
+
+    @property
+    def busy(self) -> bool:
+        """Whether nothing is to be answered now."""
+        return False
 
     def resume(self) -> None:
         """Fly, or go on flying."""
-        if self._begun or self._pilot is not None:
-            self._begin()
+        raise NotImplementedError
+
+    def pilot(self, observation: Observation) -> tuple[int, Source]:
+        """What the pilot does."""
+        raise NotImplementedError
+
+    def write(self, episode: int, topic: str, kind: str, stamp: int, data: bytes) -> None:
+        """Record a message of an episode."""
+        raise NotImplementedError
+
+    def take(self, sample: Sample) -> None:
+        """Take a step that was flown."""
+        raise NotImplementedError
+
+    def landed(self, episode: int) -> None:
+        """An episode has come to its end; sets `_over` after the last."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------ life
 
     def pause(self) -> None:
         """Leave the vehicle alone."""
         self._loop.stop()
 
+    def put_away(self) -> None:
+        """Record what was flown and is not recorded yet."""
+
     def close(self) -> None:
         """Stop for good."""
         self._loop.close()
-        self._node.destroy_subscription(self._joy)
 
-    def _begin(self) -> None:
-        if self._over:
-            return
+    def begin(self) -> None:
+        """Say that the demonstration begins, once."""
         if not self._begun:
             self._begun = True
             self._node.begin()
-        self._loop.start()
 
-    def _on_joy(self, message: Joy) -> None:
-        self._joystick.take(message)
-        if self._pilot is None and not self._begun and self._node.active:
-            self._node.get_logger().info("the joystick is there; flying")
-            self._begin()
+    # ------------------------------------------------------------ in the control loop
 
     def answered(self, observation: Observation, source: Source, answer: bytes) -> None:
         """Record what the vehicle showed and what it was told; end after the last episode."""
-        stamp = observation.stamp
-        self._node.record("state", self._states.kind, stamp, self._states.of(observation))
-        self._node.record("reward", wire.ROW, stamp, self._rewards.of(observation))
-        self._node.record("action", wire.ROW, stamp, answer)
-        if self._ended >= self._settings.episodes:
-            self._over = True
+        if not observation.last:
+            self._record(observation)
+            self.write(observation.episode, "action", wire.ROW, observation.stamp, answer)
+        if self._over:
             self._loop.stop()
             self._node.end()
 
+    def _record(self, observation: Observation) -> None:
+        episode, stamp = observation.episode, observation.stamp
+        self.write(episode, "state", self._states.kind, stamp, self._states.of(observation))
+        self.write(episode, "reward", wire.ROW, stamp, self._rewards.of(observation))
+
     def transition(self, before: Observation, transition: Transition) -> None:
-        """Send a step as a sample."""
+        """Make a sample of a step."""
         action, source = self._given.pop((before.episode, before.step), (-1, Source.HOLD))
-        if action != transition.action:
-            source = Source.HOLD  # the vehicle did something else than it was told
+        who = transition.source  # what the vehicle says of it
+        if who < 0:
+            who = source if action == transition.action else Source.HOLD
         if np.isfinite((*transition.state, transition.reward, *transition.next_state)).all():
-            self._node.send(Sample(before.episode, before.step, before.stamp, transition, source))
+            self.take(Sample(before.episode, before.step, before.stamp, transition, who))
         if transition.terminated or transition.truncated:
             self._given.clear()
-            self._ended += 1
-            total = self._settings.episodes
-            self._node.get_logger().info(f"episode {self._ended} of {total} flown")
+            if self._loop.seen is not None and self._loop.seen.last:
+                self._record(self._loop.seen)
+            self.landed(before.episode)
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """What the pilot does, or now and then a random action instead."""
-        if self._pilot is not None:
-            if observation.step == 0:
-                self._pilot.begin()
-            action, source = self._pilot.act(observation.state), Source.SCRIPTED
-        else:
-            action, source = self._joystick.action(), Source.HUMAN
-        if self._rng.random() < self._node.corruption:
+        action, source = self.pilot(observation)
+        if source is not Source.HOLD and self._rng.random() < self._node.corruption:
             action = int(self._rng.integers(self._node.task.n_actions))
             source = Source.CORRUPTED
         self._given[observation.episode, observation.step] = (action, source)
         return action, source
+
+
+class ScriptedFlight(Teleop):
+    """The scripted pilot flies; what it does is recorded and sent at once.
+
+    Parameters
+    ----------
+    node : SamplesOut
+    settings : TeleopSettings
+    pilot : ScriptedPilot
+    """
+
+    def __init__(self, node: SamplesOut, settings: TeleopSettings, pilot: ScriptedPilot) -> None:
+        super().__init__(node, settings, pilot.rng, settings.vehicle_timeout)
+        self._pilot, self._ended = pilot, 0
+
+    def resume(self) -> None:
+        """Fly, or go on flying."""
+        if not self._over:
+            self.begin()
+            self._loop.start()
+
+    def pilot(self, observation: Observation) -> tuple[int, Source]:
+        """What the script says."""
+        if observation.step == 0:
+            self._pilot.begin()
+        return self._pilot.act(observation.state), Source.SCRIPTED
+
+    def write(self, episode: int, topic: str, kind: str, stamp: int, data: bytes) -> None:
+        """Record a message."""
+        self._node.record(topic, kind, stamp, data)
+
+    def take(self, sample: Sample) -> None:
+        """Record and send a step."""
+        self._node.send(sample)
+
+    def landed(self, episode: int) -> None:
+        """Count episodes."""
+        self._ended += 1
+        total = self._settings.episodes
+        self._node.get_logger().info(f"episode {self._ended} of {total} flown")
+        self._over = self._ended >= total

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
 from sim_nodes.tasks.slung_load import SlungLoad
 
@@ -37,19 +38,20 @@ class EpisodeClock:
         self.answered_time = start
         """Of the state which that step showed [s]."""
         self.action = task.description.neutral
+        self._source = int(Source.HOLD)
         self._held = np.zeros(task.description.n_actions)
 
     def first(self) -> Observation:
         """The observation that it begins with."""
         return Observation(self.number, 0, self.state)
 
-    def answer(self, step: int, action: int) -> bool:
+    def answer(self, step: int, action: int, source: int = -1) -> bool:
         """Take an answer; False when it is older than one that was taken, or of no state yet."""
         if not self.answered < step <= self.step:
             return False
         late = (self.step - step) * self._task.description.sampling_time
         self.answered, self.answered_time = step, self.time - late
-        self.action = action
+        self.action, self._source = action, source
         return True
 
     def hold(self, action: int, seconds: float) -> None:
@@ -67,12 +69,15 @@ class EpisodeClock:
         step = max(self.step + 1, round((now - self.start) / self._task.description.sampling_time))
         self.step, self.state, self.time = step, state, now
         cut = not terminated and step >= self._task.description.episode_steps
-        return Observation(self.number, step, state, reward, action, terminated, cut)
+        source = self._source if action == self.action else Source.HOLD
+        return Observation(self.number, step, state, reward, action, terminated, cut, source=source)
 
     def landed(self, now: float, state: Array, action: int, reward: float) -> Observation:
         """The load is down: the end, with what the task gives for it."""
         self.step, self.state, self.time = self.step + 1, state, now
-        return Observation(self.number, self.step, state, reward, action, True, False)
+        return Observation(
+            self.number, self.step, state, reward, action, True, False, source=self._source
+        )
 
     def _applied(self) -> int:
         """The action that was in force for the longest part of the step."""

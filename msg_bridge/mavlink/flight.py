@@ -178,10 +178,10 @@ class Flight:
         with self._lock:
             self._pilot = self._pilot._replace(**changes)
 
-    def act(self, number: int, step: int, action: int, now: float) -> bool:
+    def act(self, number: int, step: int, action: int, now: float, source: int = -1) -> bool:
         """Take an action and fly it at once; False when it answers no state of this episode."""
         with self._lock:
-            if not self._machine.answer(number, step, action):
+            if not self._machine.answer(number, step, action, source):
                 return False
             if action == RELEASE and self._arbitrate(now).authority is Authority.ACTOR:
                 self._do(self._machine.release(now, self._motion), now)

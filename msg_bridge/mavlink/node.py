@@ -233,7 +233,7 @@ class Bridge(ManagedNode):
         if answer is None or self._flight is None:
             return
         number, step = wire.whole(answer.episode), wire.whole(answer.step)
-        self._flight.act(number, step, answer.action, self._vehicle_clock.now())
+        self._flight.act(number, step, answer.action, self._vehicle_clock.now(), answer.source)
 
     def _on_joy(self, message: Any) -> None:
         self._joy, self._joy_time = message, time.monotonic()

@@ -124,12 +124,12 @@ class PhaseMachine:
             self._land(now, why)
         return self._taken()
 
-    def answer(self, number: int, step: int, action: int) -> bool:
+    def answer(self, number: int, step: int, action: int, source: int = -1) -> bool:
         """Take an action; False when it answers no state of this episode."""
         episode = self.episode
         if episode is None or number != episode.number or self.phase is not Phase.EPISODE:
             return False
-        if not episode.answer(step, action):
+        if not episode.answer(step, action, source):
             return False
         self.unanswered = 0.0
         return True

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from msg_bridge.ros.description import Robot
@@ -77,7 +78,7 @@ class Drive:
         self._seen: Observation | None = None
         self._until = self._missing_since = 0
         self._ticked = 0
-        self._applied, self._answered = self._task.neutral, False
+        self._applied, self._source, self._answered = self._task.neutral, int(Source.HOLD), False
         self._gap, self._breach = False, ""
         self.counts = {"left out": 0, "not answered": 0, "not let through": 0, "limits passed": 0}
 
@@ -130,7 +131,7 @@ class Drive:
         name = self._task.names[place]
         return f"{name} is {value:.4g}, beyond its limits {low:g} to {high:g}"
 
-    def answer(self, episode: float, step: float, action: int) -> None:
+    def answer(self, episode: float, step: float, action: int, source: int = -1) -> None:
         """Take an action that answers a state."""
         current = self.phase is Phase.EPISODE and not self._breach
         if not current or self._answered or (episode, step) != (self.episode, self._step):
@@ -140,12 +141,12 @@ class Drive:
         rule = self._robot.allowed.get(action)
         try:
             if rule and not rule(dict(zip(self._task.names, self._seen.state, strict=True))):
-                action = self._task.neutral
+                action, source = self._task.neutral, Source.HOLD
                 self.counts["not let through"] += 1
         except InputError as error:
             self._halt(str(error))
             return
-        self._command(action)
+        self._command(action, source)
 
     # ------------------------------------------------------------ time
 
@@ -221,7 +222,7 @@ class Drive:
         self._gap = False
         observation = Observation(
             self.episode, self._step, np.array(state), judged.reward, self._applied,
-            judged.terminated, cut,
+            judged.terminated, cut, source=self._source,
         )  # fmt: skip
         self._show(observation, now)
         if observation.last:
@@ -257,8 +258,8 @@ class Drive:
         self._body.say(f"stopped: {text}")
 
     def _neutral(self) -> None:
-        self._command(self._task.neutral)
+        self._command(self._task.neutral, Source.HOLD)
 
-    def _command(self, action: int) -> None:
-        self._applied = action
+    def _command(self, action: int, source: int) -> None:
+        self._applied, self._source = action, source
         self._body.command(action)

@@ -1,0 +1,330 @@
+"""A person at a joystick: flies demonstrations, and takes over afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from iolspi_ros import runtime, wire
+from iolspi_ros.core.learner import Source
+from iolspi_ros.core.samples import Observation, Sample, Transition
+from iolspi_ros.nodes.control_loop import ControlLoop
+from iolspi_ros.nodes.joystick import Joystick
+from iolspi_ros.nodes.pilot_topics import PilotTopics
+from iolspi_ros.nodes.piloting import Flown, Piloting, PilotingSettings
+from iolspi_ros.nodes.samples_out import SamplesOut
+from iolspi_ros.nodes.teleop import Teleop, TeleopSettings
+from iolspi_ros.settings import Settings, setting
+from iolspi_ros.wire import Phase
+
+LOOK = 0.05
+"""Seconds between two looks at what no message brings about: silence, a countdown's end."""
+
+
+@dataclass(frozen=True)
+class TakeoverSettings(Settings):
+    """How a person takes over when no demonstration is under way."""
+
+    takeover_button: int = setting(
+        -1, "button of the joystick that gives the vehicle to the person; -1 for none", low=-1
+    )
+    takeover_latched: bool = setting(
+        False, "press once to take over and once more to give back, instead of holding"
+    )
+
+
+class HandFlight(Teleop):
+    """A person flies; each episode is kept or not as a whole.
+
+    Parameters
+    ----------
+    node : SamplesOut
+    settings : TeleopSettings
+    piloting : PilotingSettings
+    stick : Joystick
+    topics : PilotTopics
+    """
+
+    def __init__(
+        self, node: SamplesOut, settings: TeleopSettings, piloting: PilotingSettings,
+        stick: Joystick, topics: PilotTopics,
+    ) -> None:  # fmt: skip
+        rng = np.random.default_rng([settings.seed, 2])
+        super().__init__(node, settings, rng, 0.0)  # nobody is waited for but the person
+        self._stick, self._topics = stick, topics
+        self.piloting = Piloting(piloting, settings.episodes, stick)
+        self._rows = wire.SampleRows(node.task.names)
+        self._verdicts = wire.Rows("verdict", wire.VERDICT)
+        self._flown: Flown | None = None
+        self._timer = runtime.wall_timer(node, LOOK, self.look)
+        topic = node.resolve_topic_name("joy")
+        node.get_logger().info(f"waiting for a joystick on {topic}")
+
+    # ------------------------------------------------------------ life
+
+    def resume(self) -> None:
+        """Fly when the stick moves."""
+        if not self._over:
+            self._loop.start()
+
+    def pause(self) -> None:
+        """Leave the vehicle alone; the episode under way is recorded, and not kept."""
+        super().pause()
+        if self._flown is not None:
+            self._flown.marked = self._flown.marked or "the demonstrator was paused"
+        self.put_away()
+        self.piloting.interrupt()
+        self._say()
+
+    def put_away(self) -> None:
+        """Record the episode under way; kept where nobody is to judge it."""
+        flown, self._flown = self._flown, None
+        if flown is not None:
+            self._store(flown, kept=not (self.piloting.review or flown.marked))
+
+    def close(self) -> None:
+        """Stop for good."""
+        super().close()
+        self._node.destroy_timer(self._timer)
+
+    def look(self) -> None:
+        """Go on where stick or time say so, and answer what waited for that."""
+        if self._loop.running and not self.busy:
+            self._loop.go_on()
+
+    # ------------------------------------------------------------ in the control loop
+
+    @property
+    def busy(self) -> bool:
+        """Whether the vehicle waits for the person."""
+        before = self.piloting.phase
+        self.piloting.look()
+        phase = self.piloting.phase
+        if phase is not before:
+            self._tell(phase)
+        self._say()
+        flies = phase in (Phase.FLYING, Phase.PAUSED)
+        return not (flies or self._over or self.piloting.ready)
+
+    def _tell(self, phase: Phase) -> None:
+        log = self._node.get_logger()
+        if phase is Phase.COUNTDOWN:
+            log.info(f"the joystick is there; flying in {self.piloting.countdown:.0f} s")
+        elif phase is Phase.PAUSED:
+            log.warning("the joystick is silent; the rest of this episode is flown neutral")
+            if self._flown is not None:
+                self._flown.marked = "the joystick was silent"
+
+    def _say(self) -> None:
+        p = self.piloting
+        self._topics.say(
+            p.phase, held=p.holds, episodes=(p.kept, p.discarded), countdown=p.countdown,
+            seen=self._loop.seen,
+        )  # fmt: skip
+
+    def pilot(self, observation: Observation) -> tuple[int, Source]:
+        """What the person does, once an episode has begun with them."""
+        if self.piloting.ready and observation.step == 0:
+            self.begin()
+            self.piloting.begin()
+            self._flown = Flown(observation.episode)
+            self._say()
+        elif self._flown is not None and observation.episode != self._flown.episode:
+            self._lose()
+        if self.piloting.phase is not Phase.FLYING:
+            return self._node.task.neutral, Source.HOLD
+        if self._flown is None:
+            self._flown = Flown(observation.episode)
+        return self._stick.action(), Source.HUMAN
+
+    def _lose(self) -> None:
+        """The vehicle has left an episode without an end."""
+        assert self._flown is not None
+        self._flown.marked = self._flown.marked or "it was broken off"
+        self._land()
+
+    def write(self, episode: int, topic: str, kind: str, stamp: int, data: bytes) -> None:
+        """Remember a message of the episode under way."""
+        if self._flown is not None and episode == self._flown.episode:
+            self._flown.records.append((topic, kind, stamp, data))
+
+    def take(self, sample: Sample) -> None:
+        """Remember a step of the episode under way."""
+        if self._flown is not None and sample.episode == self._flown.episode:
+            message = self._rows.of(sample)
+            self._flown.records.append(("sample", wire.ROW, sample.stamp, message))
+            self._flown.samples.append((sample, message))
+
+    def landed(self, episode: int) -> None:
+        """Keep the episode, or leave it to the person."""
+        if self._flown is not None and episode == self._flown.episode:
+            self._land()
+
+    def _land(self) -> None:
+        flown, self._flown = self._flown, None
+        assert flown is not None
+        kept = self.piloting.landed(flown)
+        self._store(flown, kept=bool(kept))
+        if kept:
+            self._send(flown)
+        p = self.piloting
+        words = {None: "waits for a verdict", True: "kept", False: f"not kept: {flown.marked}"}[
+            kept
+        ]
+        self._node.get_logger().info(
+            f"episode {flown.episode} {words}; {p.kept} of {self._settings.episodes}"
+        )
+        self._over = p.phase is Phase.ENDED
+        self._say()
+
+    # ------------------------------------------------------------ what becomes of it
+
+    def _store(self, flown: Flown, *, kept: bool) -> None:
+        """Write an episode to the bag, and what is thought of it."""
+        if not flown.samples:
+            return
+        for topic, kind, stamp, data in flown.records:
+            self._node.record(topic, kind, stamp, data)
+        self._rule(flown, kept=kept)
+
+    def _rule(self, flown: Flown, *, kept: bool, before: bool = False) -> None:
+        """Write a verdict to the bag."""
+        step, stamp = flown.last
+        values = (flown.episode, step, *wire.split(stamp), kept)
+        self._node.record("verdict", wire.ROW, stamp, self._verdicts.pack(*values))
+        self._node.recorded += (kept - before) * len(flown.samples)
+
+    def _send(self, flown: Flown) -> None:
+        for sample, message in flown.samples:
+            self._node.queue(sample, message)
+
+    def keep(self) -> str:
+        """Keep the episode flown last; what was done, in words.
+
+        Raises
+        ------
+        InputError
+            When there is none to judge.
+        """
+        return self._judge(True)
+
+    def discard(self) -> str:
+        """Discard it; otherwise as `keep`."""
+        return self._judge(False)
+
+    def _judge(self, kept: bool) -> str:
+        flown = self.piloting.judge(kept)
+        self._rule(flown, kept=kept)
+        self._say()
+        return f"episode {flown.episode} is {'kept' if kept else 'discarded'}; {self._standing()}"
+
+    def undo(self) -> str:
+        """Take the last verdict back; what was done, in words.
+
+        Raises
+        ------
+        InputError
+            When there is none.
+        """
+        flown, kept = self.piloting.undo()
+        self._rule(flown, kept=False, before=kept)
+        self._say()
+        return f"episode {flown.episode} waits for a verdict again; {self._standing()}"
+
+    def finish(self) -> str:
+        """End the demonstration with what was kept; what was done, in words.
+
+        Raises
+        ------
+        InputError
+            When that is nothing.
+        """
+        kept = self.piloting.finish()
+        self.put_away()
+        for flown in kept:
+            self._send(flown)
+        self._over = True
+        self._say()
+        text = self._standing()
+        self._loop.stop()
+        self._node.end()
+        return text
+
+    def _standing(self) -> str:
+        p = self.piloting
+        open_ones = f", {len(p.undecided)} not decided" if p.undecided else ""
+        return f"{p.kept} kept, {p.discarded} discarded{open_ones}"
+
+
+class Override:
+    """While a button says so, a person has the vehicle: the stick answers each observation.
+
+    Parameters
+    ----------
+    node : SamplesOut
+    settings : TakeoverSettings
+    stick : Joystick
+    topics : PilotTopics
+    """
+
+    def __init__(
+        self, node: SamplesOut, settings: TakeoverSettings, stick: Joystick, topics: PilotTopics
+    ) -> None:
+        self._node, self._settings = node, settings
+        self._stick, self._topics = stick, topics
+        self._pressed = stick.pressed(settings.takeover_button)
+        self._loop = ControlLoop(node, node.task, self, 0.0)
+        self._timer = runtime.wall_timer(node, LOOK, self.look)
+        self._say(held=False)
+        node.get_logger().info(f"button {settings.takeover_button} takes the vehicle over")
+
+    def resume(self) -> None:
+        """Watch the button."""
+        self._loop.start()
+
+    def pause(self) -> None:
+        """Give the vehicle back."""
+        self._loop.stop()
+        self._say(held=False)
+
+    def put_away(self) -> None:
+        """Nothing is recorded."""
+
+    def close(self) -> None:
+        """Stop for good."""
+        self._loop.close()
+        self._node.destroy_timer(self._timer)
+
+    def look(self) -> None:
+        """Take the vehicle or give it back, as the button says; a silent stick holds nothing."""
+        if not self._loop.running:
+            return
+        pressed, before = self._stick.pressed(self._settings.takeover_button), self._pressed
+        self._pressed, held = pressed, pressed
+        if self._settings.takeover_latched:
+            held = self._topics.held != (pressed and not before) and not self._stick.silent
+        if held != self._topics.held:
+            self._node.get_logger().info("taken over" if held else "given back")
+            self._say(held=held)
+        if held:
+            self._loop.go_on()
+
+    def _say(self, *, held: bool) -> None:
+        self._topics.say(Phase.ENDED, held=held, seen=self._loop.seen)
+
+    @property
+    def busy(self) -> bool:
+        """Whether somebody else flies."""
+        return not self._topics.held or self._stick.silent
+
+    def choose(self, observation: Observation) -> tuple[int, Source]:
+        """What the person does."""
+        return self._stick.action(), Source.HUMAN
+
+    def answered(self, observation: Observation, source: Source, answer: Any) -> None:
+        """The learner learns from what the vehicle says."""
+
+    def transition(self, before: Observation, transition: Transition) -> None:
+        """As above."""

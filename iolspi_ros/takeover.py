@@ -1,0 +1,66 @@
+"""Whether a person has the vehicle, decided at the vehicle's side; no ROS here."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from iolspi_ros.core.learner import PERSON, Source
+
+PATIENCE = 0.3
+"""Seconds without a word after which a holder, or the action of a person, is gone."""
+REPEAT = 0.1
+"""Seconds at most between two words of who holds the vehicle."""
+
+
+class Takeover:
+    """Who may act: anybody, or a person alone.
+
+    Parameters
+    ----------
+    clock : callable
+        Seconds on a steady clock of the machine's.
+
+    Attributes
+    ----------
+    count : int
+        Times that a person took the vehicle.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._said = False
+        self._heard = self._acted = 0.0
+        self.count = 0
+
+    @property
+    def held(self) -> bool:
+        """Whether a person has the vehicle now."""
+        return self._said and self._clock() - self._heard <= PATIENCE
+
+    def hear(self, held: bool) -> None:
+        """Take what `takeover` says."""
+        now = self._clock()
+        if held and not self.held:
+            self._acted = now
+            self.count += 1
+        self._said, self._heard = held, now
+
+    def takes(self, source: int, neutral: bool) -> bool:
+        """Whether an action is taken, by who chose it; a person's is remembered as fresh.
+
+        Parameters
+        ----------
+        source : int
+        neutral : bool
+            It is the neutral one, which as a hold is anybody's.
+        """
+        if source in PERSON:
+            self._acted = self._clock()
+            return True
+        return not self.held or (neutral and source == Source.HOLD)
+
+    @property
+    def silent(self) -> bool:
+        """Whether the person who has it has not acted for so long that neutral takes its place."""
+        return self.held and self._clock() - self._acted > PATIENCE

@@ -1,0 +1,83 @@
+"""Who may act, decided at the vehicle's side."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from iolspi_ros.core.learner import Source
+from iolspi_ros.takeover import Takeover
+
+OTHERS = (Source.EXPLOIT, Source.EXPLORE, Source.SCRIPTED, Source.SHIELD, -1, 99)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def takeover(clock):
+    return Takeover(clock)
+
+
+def test_while_it_is_held_a_person_alone_acts(takeover, clock):
+    assert all(takeover.takes(source, False) for source in (*Source, *OTHERS))
+    takeover.hear(True)
+    assert takeover.held
+    assert takeover.takes(Source.HUMAN, False)
+    assert takeover.takes(Source.CORRUPTED, False)
+    assert not any(takeover.takes(source, neutral) for source in OTHERS for neutral in (0, 1))
+    assert takeover.takes(Source.HOLD, True)
+    assert not takeover.takes(Source.HOLD, False)
+    takeover.hear(False)
+    assert takeover.takes(Source.EXPLOIT, False)
+
+
+def test_who_is_silent_holds_nothing(takeover, clock):
+    takeover.hear(True)
+    for _ in range(10):
+        clock.now += 0.29
+        assert takeover.held
+        takeover.hear(True)
+    clock.now += 0.31
+    assert not takeover.held
+    assert takeover.takes(Source.EXPLORE, False)
+    assert not takeover.silent  # it is not held, so nobody's neutral action is due
+    assert takeover.count == 1
+    takeover.hear(True)
+    assert takeover.count == 2
+
+
+def test_neutral_is_due_when_the_person_has_not_acted_for_so_long(takeover, clock):
+    takeover.hear(True)
+    for _ in range(5):
+        clock.now += 0.2
+        takeover.hear(True)
+        assert not takeover.silent
+        takeover.takes(Source.HUMAN, False)
+    clock.now += 0.2
+    takeover.hear(True)
+    takeover.takes(Source.HOLD, True)  # is nobody's
+    clock.now += 0.11
+    assert takeover.silent
+    takeover.takes(Source.HUMAN, True)
+    assert not takeover.silent
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 0.5), st.sampled_from([True, False, None])), max_size=30))
+def test_it_is_held_by_its_last_word_and_for_no_longer_than_that_is_fresh(words):
+    clock = Clock()
+    takeover, last, when = Takeover(clock), False, 0.0
+    for wait, word in words:
+        clock.now += wait
+        if word is not None:
+            takeover.hear(word)
+            last, when = word, clock.now
+        assert takeover.held == (last and clock.now - when <= 0.3)
