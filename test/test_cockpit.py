@@ -19,7 +19,7 @@ from msg_bridge.cockpit.guard import Guard
 from msg_bridge.cockpit.policy import POINTS, policy_map
 from msg_bridge.cockpit.session import FLOOD, Session
 from msg_bridge.cockpit.settings import CockpitSettings, token_for
-from msg_bridge.cockpit.stick import SILENCE, Deflection, Stick
+from msg_bridge.cockpit.stick import LOST, SILENCE, Deflection, Stick
 from sim_nodes.tasks.pendulum import Pendulum
 
 LEFT = Deflection((1.0, 0.0), (0, 0, 1))
@@ -59,9 +59,13 @@ def test_silence_is_noticed():
     assert not stick.silent(1e9)
     stick.ask(1, 10.0)
     assert not stick.silent(10.0 + 0.99 * SILENCE)
-    assert stick.silent(10.0 + 1.01 * SILENCE)
     stick.move(1, LEFT, 11.0)
     assert not stick.silent(11.0 + 0.99 * SILENCE)
+    assert stick.at == LEFT
+    assert stick.silent(11.0 + 1.01 * SILENCE)
+    assert stick.at == Deflection()
+    assert not stick.lost(11.0 + 0.99 * LOST)
+    assert stick.lost(11.0 + 1.01 * LOST)
 
 
 # ---------------------------------------------------------------- what a browser says
@@ -172,7 +176,7 @@ def test_only_who_has_the_stick_is_listened_to(session):
     assert session.stick.holder == 2
 
 
-def test_a_silent_browser_loses_the_stick_neutral_comes_once_and_then_nothing(session):
+def test_for_a_silent_browser_neutral_comes_once_and_then_nothing_until_it_speaks(session):
     def after(seconds):
         session.node.done.clear()
         session._clock.now += seconds
@@ -185,6 +189,19 @@ def test_a_silent_browser_loses_the_stick_neutral_comes_once_and_then_nothing(se
     assert after(0.4 * SILENCE) == [LEFT]
     assert after(0.2 * SILENCE) == [REST]
     assert after(0.1 * SILENCE) == []
+    assert after(1.0) == []
+    session.hear(1, words.Move(REST))  # it only hung for a moment
+    assert session.node.done == [REST]
+    assert after(0.5 * SILENCE) == [REST]
+    assert after(2 * SILENCE) == [REST]
+    assert after(LOST) == []
+    assert session.stick.holder is None
+
+
+def test_a_stick_that_was_not_moved_yet_has_all_its_buttons(session):
+    session.hear(1, words.Ask())
+    session.tick()
+    assert session.node.done == [REST]
 
 
 class Socket:

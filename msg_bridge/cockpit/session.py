@@ -80,11 +80,15 @@ class Session:
             await asyncio.sleep(due - self._clock())
 
     def tick(self) -> None:
-        """Publish where the stick is; take it from a page that is silent."""
-        if self.stick.silent(self._clock()):
+        """Publish where the stick is; for a page that is silent neutral once, and then nothing."""
+        now, was_quiet = self._clock(), self.stick.quiet
+        if self.stick.lost(now):
             self.release()
-        elif self.stick.holder is not None:
-            self._cockpit.joy(self.stick.at)
+        elif self.stick.holder is not None and not (self.stick.silent(now) and was_quiet):
+            self._publish()
+
+    def _publish(self) -> None:
+        self._cockpit.joy(self.stick.at if self.stick.at.buttons else self._neutral)
 
     def release(self) -> None:
         """Take the stick from whoever has it."""
@@ -97,7 +101,8 @@ class Session:
 
     def _leave(self, browser: int) -> None:
         """Let a browser go; neutral comes once more if it had the stick, and then nothing."""
-        if self.stick.leave(browser, self._clock()):
+        quiet = self.stick.quiet
+        if self.stick.leave(browser, self._clock()) and not quiet:
             self._cockpit.joy(self._neutral)
         self._tell()
 
@@ -180,10 +185,10 @@ class Session:
         elif browser != self.stick.holder:
             raise InputError("it has not the stick")
         elif isinstance(said, words.Move):
-            before = self.stick.at
+            before, quiet = self.stick.at, self.stick.quiet
             self.stick.move(browser, said.at, now)
-            if said.at != before:  # at once; it is repeated in its time
-                self._cockpit.joy(said.at)
+            if quiet or said.at != before:  # at once; it is repeated in its time
+                self._publish()
         elif isinstance(said, words.Give):
             self._leave(browser)
         elif isinstance(said, words.Call):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-SILENCE = 0.2
-"""Seconds without a word of the browser that has the stick, after which it is released."""
+SILENCE, LOST = 0.2, 3.0
+"""Seconds without a word of the browser that has the stick, after which it lets go: of the
+deflection, as if it was centred and nobody had it; of the stick itself."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,15 @@ class Stick:
     at : Deflection
     heard : float
         When the holder last said where it is [s].
+    quiet : bool
+        Whether it has let go for want of words.
     """
 
     holder: int | None = None
     asking: list[int] = field(default_factory=list)
     at: Deflection = Deflection()
     heard: float = 0.0
+    quiet: bool = False
 
     def ask(self, browser: int, now: float) -> None:
         """Give the stick to a browser if nobody has it; else it stands in line."""
@@ -70,13 +74,20 @@ class Stick:
         """Take where a browser says that its stick is; whether it had it."""
         if browser != self.holder:
             return False
-        self.at, self.heard = at, now
+        self.at, self.heard, self.quiet = at, now, False
         return True
 
     def silent(self, now: float) -> bool:
-        """Whether the browser that has it has said nothing for too long."""
-        return self.holder is not None and now - self.heard > SILENCE
+        """Whether nothing was heard for too long: it is centred then, until there is a word."""
+        if self.holder is None or now - self.heard <= SILENCE:
+            return False
+        self.at, self.quiet = Deflection(), True
+        return True
+
+    def lost(self, now: float) -> bool:
+        """Whether nothing was heard for so long that somebody else may have it."""
+        return self.holder is not None and now - self.heard > LOST
 
     def _hand_on(self, now: float) -> None:
         self.holder = self.asking.pop(0) if self.asking else None
-        self.at, self.heard = Deflection(), now
+        self.at, self.heard, self.quiet = Deflection(), now, False

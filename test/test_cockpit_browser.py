@@ -1,0 +1,266 @@
+"""The cockpit's page in a headless Chromium: a scripted person flies with the keys alone."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from urllib.parse import urlsplit
+
+import pytest
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Float64MultiArray
+
+from chromium import Browser, needs_chromium
+from conftest import Peer
+from iolspi_ros import bags, qos, wire
+from iolspi_ros.core.learner import Source
+from iolspi_ros.pairing import Pairer
+from iolspi_ros.wire import Phase
+from sim_nodes.tasks import task_class
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.pendulum.pilot import Perform
+
+pytestmark = [pytest.mark.slow, needs_chromium]
+
+
+@pytest.fixture
+def browser():
+    opened = []
+
+    def make(address, **size):
+        opened.append(Browser(**size))
+        opened[-1].open(address)
+        return opened[-1]
+
+    yield make
+    for one in opened:
+        one.close()
+
+
+class Graph(Peer):
+    """Sees what the vehicle does and who does it, and hears the stick."""
+
+    def __init__(self, ros, task):
+        super().__init__(ros)
+        self.seen = []
+        self.pairer = Pairer(task)
+        self.listen("joy", Joy)
+        self.listen("piloting", Float64MultiArray, qos.LATCHED)
+        self.rows = wire.Rows("piloting", wire.PILOTING)
+        for topic, kind, take in (
+            ("state", wire.states(task).type, self.pairer.state),
+            ("reward", Float64MultiArray, self.pairer.reward),
+        ):
+            self.node.create_subscription(
+                kind, topic, lambda message, take=take: self._note(take(message)), qos.CONTROL
+            )
+
+    def _note(self, observation):
+        if observation is not None:
+            self.seen.append(observation)
+
+    @property
+    def now(self):
+        return self.seen[-1] if self.seen else None
+
+    @property
+    def phase(self):
+        return int(self.rows.read(self.heard["piloting"][-1])[4]) if self.heard["piloting"] else -1
+
+
+class Cockpit:
+    """`iolspi cockpit`, whose address is known."""
+
+    def __init__(self, folder, *options):
+        self.folder = folder
+        command = [sys.executable, "-m", "iolspi_ros", "cockpit", "--out", str(folder), *options]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        said = ""
+        while (found := re.search(r"Open (http\S+)", said)) is None:
+            line = self.process.stdout.readline()
+            assert line, said
+            said += line
+        self.address = found[1]
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        said, _ = self.process.communicate(timeout=30)
+        return self.process.returncode, said
+
+
+@pytest.fixture
+def cockpit(tmp_path):
+    begun = []
+
+    def begin(*options):
+        begun.append(Cockpit(tmp_path / "out", *options))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        if one.process.poll() is None:
+            one.end()
+
+
+def take_the_stick(graph, page):
+    graph.until(lambda: page.text("task"))
+    page.click("stick-button")
+    graph.until(lambda: "you have the stick" in page.text("crowd"))
+
+
+class Hands:
+    """Arrow keys for actions: the first to the left, the last to the right, none for neutral."""
+
+    def __init__(self, page, actions):
+        self.page, self.keys, self.held = page, actions, None
+
+    def do(self, action):
+        key = self.keys.get(action)
+        if key != self.held:
+            if self.held is not None:
+                self.page.lift(self.held)
+            if key is not None:
+                self.page.press(key)
+            self.held = key
+
+
+def fly(graph, hands, law):
+    """Fly until the episode waits for a verdict."""
+    while graph.phase == Phase.FLYING:
+        graph.executor.spin_once(timeout_sec=0.01)
+        hands.do(law.decide(graph.now.state, 0.0))
+    hands.do(None)
+
+
+def test_a_person_demonstrates_keeps_discards_hands_over_takes_over_and_lets_go(
+    ros, cockpit, browser
+):
+    task = Pendulum().description
+    run = cockpit("--speed", "0.2", "--seed", "1")
+    graph = Graph(ros, task)
+    page = browser(run.address)
+    take_the_stick(graph, page)
+    hands, law = Hands(page, {0: "ArrowLeft", 2: "ArrowRight"}), Perform(9.81)
+    graph.until(lambda: graph.phase == Phase.WAITING)
+    page.press("ArrowRight")
+    page.lift("ArrowRight")
+    verdicts, flown = {}, []
+    for verdict in ("k", "d", "k", "k"):
+        graph.until(lambda: graph.phase == Phase.FLYING, 30.0)
+        fly(graph, hands, law)
+        graph.until(lambda: graph.phase == Phase.REVIEW)
+        last = next(o for o in reversed(graph.seen) if o.last)
+        flown.append(last)
+        verdicts[last.episode] = verdict
+        page.press(verdict)
+        page.lift(verdict)
+        graph.until(lambda: graph.phase != Phase.REVIEW)
+    page.press("f")
+    page.lift("f")
+    graph.until(lambda: graph.phase == Phase.ENDED)
+    graph.until(lambda: graph.now.source in (Source.EXPLOIT, Source.EXPLORE), 60.0)
+    graph.until(lambda: page.text("who").startswith("learner"))
+
+    graph.until(lambda: 20 < graph.now.step < 100)  # in flight
+    page.press(" ")
+    graph.until(lambda: graph.now.source == Source.HUMAN, 5.0)
+    page.press("ArrowLeft")
+    graph.until(lambda: (graph.now.source, graph.now.action) == (Source.HUMAN, 0), 5.0)
+    page.lift("ArrowLeft")
+    page.lift(" ")
+    graph.until(lambda: graph.now.source in (Source.EXPLOIT, Source.EXPLORE), 5.0)
+    graph.until(lambda: page.part("scores") and any(row[3] for row in page.part("scores")), 30.0)
+    assert page.complaints() == []
+    status, said = run.end()
+    assert status == 0, said
+    assert (run.folder / "checkpoint.npz").exists()
+
+    kept = sorted(episode for episode, verdict in verdicts.items() if verdict == "k")
+    bag = run.folder / "demonstration"
+    demonstration = bags.read_demonstration(bag, task)
+    assert sorted({sample.episode for sample in demonstration.samples}) == kept
+    assert len(demonstration.samples) == 3 * task.episode_steps
+    sources = [sample.source for sample in demonstration.samples]
+    # The vehicle holds the first state until the person answers it; all else is theirs.
+    assert sources.count(Source.HUMAN) >= 0.98 * len(sources)
+    assert set(sources) <= {Source.HUMAN, Source.HOLD}
+    assert "person" in bags.read_card(bag)["pilot"]
+    swung_up = [
+        min(abs(s.transition.state[0]) for s in demonstration.samples if s.episode == episode)
+        for episode in kept
+    ]
+    assert max(swung_up) < 0.3
+
+
+def test_the_page_asks_nobody_but_its_own_server(ros, nodes, browser):
+    nodes.start("cockpit")
+    nodes.wait_for("cockpit", "open http")
+    address = re.search(r"open (\S+)", nodes.log("cockpit"))[1]
+    page = browser(address)
+    graph = Peer(ros)
+    kept = graph.be_vehicle(Pendulum().description)
+    graph.until(lambda: page.text("task") == "pendulum")
+    asked = page.requests()
+    assert {urlsplit(url).netloc for url in asked} == {urlsplit(address).netloc}
+    assert page.complaints() == []
+    del kept
+
+
+def test_a_hidden_or_closed_page_lets_go(ros, nodes, browser):
+    nodes.start("cockpit")
+    nodes.wait_for("cockpit", "open http")
+    address = re.search(r"open (\S+)", nodes.log("cockpit"))[1]
+    graph = Graph(ros, Pendulum().description)
+    kept = graph.be_vehicle(Pendulum().description)
+    page = browser(address)
+    heard = graph.heard["joy"]
+
+    def released(how):
+        take_the_stick(graph, page)
+        page.press("ArrowLeft")
+        graph.until(lambda: heard and heard[-1].axes[0] == 1.0)
+        begin = time.time()
+        how()
+        graph.until(lambda: heard[-1].axes[0] == 0.0)
+        stamp = next(m.header.stamp for m in heard if m.axes[0] == 0.0 and stamped(m) > begin)
+        heard.clear()
+        return stamp.sec + stamp.nanosec / 1e9 - begin
+
+    def stamped(message):
+        return message.header.stamp.sec + message.header.stamp.nanosec / 1e9
+
+    hide = """
+        Object.defineProperty(document, 'hidden', {value: true, configurable: true});
+        document.dispatchEvent(new Event('visibilitychange'));
+    """
+    assert released(lambda: page.run(hide)) < 0.3
+    page.run("Object.defineProperty(document, 'hidden', {value: false, configurable: true})")
+    stop = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    del stop
+    assert released(lambda: page.run("window.dispatchEvent(new Event('pagehide'))")) < 0.3
+    assert released(lambda: page.driver.get("about:blank")) < 0.3 + 0.2  # leaving takes its time
+    graph.spin(0.5)
+    assert heard == []
+    del kept
+
+
+@pytest.mark.parametrize("name", ["pendulum", "slung_load", "cart_pole"])
+def test_every_task_is_shown(ros, nodes, browser, name):
+    """With a picture, or bars and lines where there is none."""
+    nodes.start("simulator", "-p", f"task:={name}", "-p", "mode:=realtime")
+    nodes.start("cockpit")
+    nodes.wait_for("cockpit", "open http")
+    page = browser(re.search(r"open (\S+)", nodes.log("cockpit"))[1])
+    graph = Graph(ros, task_class(name)().description)
+    graph.until(lambda: page.part("now") and page.part("visits"))
+    assert page.text("task").replace(" ", "_") == name
+    painted = """
+        const c = document.getElementById('vehicle');
+        const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        return d.filter((v, i) => i % 4 === 3 && v > 0).length;
+    """
+    graph.until(lambda: page.run(painted) > 500)
+    assert page.complaints() == []
