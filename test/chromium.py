@@ -26,9 +26,11 @@ class Browser:
     ----------
     width, height : int
         Of the page [px].
+    log : bool
+        Whether to write down what it asks for; that costs time for each message of a socket.
     """
 
-    def __init__(self, width=1280, height=800):
+    def __init__(self, width=1280, height=800, log=False):
         from selenium import webdriver
         from selenium.webdriver.chrome.service import Service
 
@@ -37,7 +39,8 @@ class Browser:
         options.binary_location = CHROMIUM
         for flag in (*FLAGS, f"--user-data-dir={self._profile}"):
             options.add_argument(flag)
-        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        kept = {"browser": "ALL"} | ({"performance": "ALL"} if log else {})
+        options.set_capability("goog:loggingPrefs", kept)
         self.driver = webdriver.Chrome(options=options, service=Service(DRIVER))
         self.resize(width, height)
 
@@ -59,7 +62,7 @@ class Browser:
         self.run(f"document.getElementById({name!r}).click()")
 
     def text(self, name):
-        return self.run(f"return (document.getElementById({name!r}) || {{}}).innerText || ''")
+        return self.run(f"return (document.getElementById({name!r}) || {{}}).textContent || ''")
 
     def _key(self, kind, key):
         code = KEYS.get(key) or ord(key.upper())

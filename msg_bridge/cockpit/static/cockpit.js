@@ -50,7 +50,6 @@ window.cockpit = (() => {
     else if (part === "piloting" || part === "takeover") showPiloting();
     else if (part === "speed") $("speed").title = `${content.factor} of real time`;
     if (part === "scores") drawScores();
-    if (part === "update" || part === "rate") showNumbers();
     if (part === "policy" || part === "visits") drawMaps();
   }
 
@@ -200,7 +199,7 @@ window.cockpit = (() => {
     $("crowd").textContent = stick ? `${watching} watching${stick.holder === null ? ""
       : mine ? ", you have the stick" : ", somebody has the stick"}` : "";
     if (!mine) { keys.clear(); touched.clear(); latched = false; }
-    lastSaid = "";
+    lastSaid = marked = "";
     drawPad();
     showPiloting();
   }
@@ -220,8 +219,11 @@ window.cockpit = (() => {
     markHeld();
   }
 
+  let marked = "";
   function markHeld() {
-    const now = deflection();
+    const now = deflection(), text = JSON.stringify([now, is.now && is.now.action]);
+    if (text === marked) return;
+    marked = text;
     document.querySelectorAll(".action").forEach((button, i) => {
       button.classList.toggle("held", Boolean(now.buttons[i]));
       button.classList.toggle("done", Boolean(is.now && is.now.action === i));
@@ -234,10 +236,9 @@ window.cockpit = (() => {
     const now = is.now;
     history.push(now);
     if (history.length > HISTORY) history.shift();
-    $("who").textContent = now.who;
+    if ($("who").textContent !== now.who) $("who").textContent = now.who;
     $("who").dataset.who = now.source === 2 ? "person" : now.source < 2 && now.source >= 0 ? "learner" : "";
     markHeld();
-    showNumbers();
   }
 
   function showNumbers() {
@@ -249,11 +250,18 @@ window.cockpit = (() => {
       ["samples", u.samples === undefined ? "–" : number(u.samples, 7)],
       ["states/s", is.rate ? number(is.rate.states) : "–"]];
     (is.task ? is.task.variables : []).forEach((v, d) => shown.push([v.name, now.state ? number(now.state[d]) : "–"]));
-    $("numbers").replaceChildren(...shown.map(([name, value]) => {
-      const box = element("div", "");
-      box.append(element("b", String(value)), name);
-      return box;
-    }));
+    const boxes = $("numbers");
+    if (boxes.children.length !== shown.length) {
+      boxes.replaceChildren(...shown.map(([name]) => {
+        const box = element("div", "");
+        box.append(element("b", ""), name);
+        return box;
+      }));
+    }
+    shown.forEach(([, value], i) => {
+      const box = boxes.children[i].firstChild, text = String(value);
+      if (box.textContent !== text) box.textContent = text;
+    });
   }
 
   function showHealth() {
@@ -492,10 +500,13 @@ window.cockpit = (() => {
   }
 
   // ---------------------------------------------------------------- begin
-  let drawn = 0;
+  let drawn = 0, numbered = 0, shown = null;
   function frame(now) {
     moved(false); // a gamepad says nothing by itself
-    drawVehicle(now);
+    const newest = picture.to || is.now;
+    if (newest !== shown || now - picture.at < picture.span || now - drawn > 1000) drawVehicle(now);
+    shown = newest;
+    if (now - numbered > 120) { numbered = now; showNumbers(); } // nobody reads faster
     if (now - drawn > 1000) { drawn = now; drawScores(); drawMaps(); } // also when it was resized
     requestAnimationFrame(frame);
   }
