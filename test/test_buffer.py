@@ -48,6 +48,9 @@ def test_demonstrations_stay_by_choice():
         buffer = Buffer.empty(CELLS, 2, 100, keep).add(batch([0, 0]), step=0, demonstrated=True)
         assert numbers(buffer) == [0, 1]
         assert numbers(buffer.add(batch([0, 0], first=2), step=2)) == left
+        shown = np.array([True, False, False, False])  # some of what came while flying
+        mixed = Buffer.empty(CELLS, 2, 100, keep).add(batch([0] * 4), 4, shown)
+        assert numbers(mixed) == ([0, 2, 3] if keep else [2, 3])
 
 
 @given(

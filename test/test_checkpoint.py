@@ -87,6 +87,16 @@ def test_nothing_is_lost(tmp_path, algorithm):
         np.testing.assert_array_equal(a, b)
 
 
+def test_one_from_before_sources_were_known_is_read(tmp_path):
+    before, after = trained("refreshed"), learner("refreshed", seed=9)
+    checkpoint.save(tmp_path / "c.npz", before, "iolspi")
+    content = checkpoint.read(tmp_path / "c.npz")
+    arrays = {k: v for k, v in content.arrays.items() if k != "learner.batch_source"}
+    assert len(arrays) == len(content.arrays) - 1
+    checkpoint.restore(content._replace(arrays=arrays), after, "iolspi", "it")
+    assert_same(after, before)
+
+
 @pytest.mark.parametrize("algorithm", KINDS)
 def test_it_goes_on_bit_by_bit(tmp_path, algorithm):
     before, after = trained(algorithm), learner(algorithm, seed=9)

@@ -281,3 +281,22 @@ def test_a_save_that_fails_leaves_the_one_before(tmp_path, monkeypatch):
 def test_settings_out_of_range_name_field_and_value(field, value):
     with pytest.raises(InputError, match=f"{field}.* is"):
         LSPISettings(**{field: value})
+
+
+def test_what_a_person_did_online_counts_as_demonstrated(tmp_path):
+    """Also of a batch that grew, and that was saved half full."""
+    core, again = (learner(algorithm="refreshed", update_interval=4) for _ in range(2))
+    rng = np.random.default_rng(3)
+    sources = [Source.EXPLOIT, Source.HUMAN, -1, Source.HOLD, Source.CORRUPTED, Source.SHIELD]
+    for k, source in enumerate(sources):
+        state = rng.uniform(TASK.low, TASK.high)
+        core.observe(Transition(state, k % 3, -1.0, state, source=source))
+    checkpoint.save(tmp_path / "c.npz", core, "iolspi")
+    checkpoint.load(tmp_path / "c.npz", again, "iolspi")
+    for one in (core, again):
+        update(one)
+        kept = one.buffer
+        assert kept.demonstrated.tolist() == [False, True, False, False, True, False]
+        assert kept.born.tolist() == [1, 2, 3, 4, 5, 6]  # as old as they are, unlike a bag's
+    one.observe(Transition(np.zeros(2), 1, -1.0, np.zeros(2)))
+    assert one.batch.source.tolist() == [-1]  # nothing of the batch before is left

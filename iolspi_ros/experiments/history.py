@@ -87,6 +87,8 @@ class History:
         Those flown while learning.
     scores : list of float
         Sum of rewards of each of them (T: learning score).
+    interventions : list of int
+        Times that a person took over in each of them; empty where nobody counted.
     policies : list of PolicyRecord
     shown : list of EpisodeRecord
         Those flown at the end, greedily and without learning.
@@ -98,6 +100,7 @@ class History:
     demonstrations: Transitions
     episodes: list[EpisodeRecord] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
+    interventions: list[int] = field(default_factory=list)
     policies: list[PolicyRecord] = field(default_factory=list)
     shown: list[EpisodeRecord] = field(default_factory=list)
     offline: str = ""

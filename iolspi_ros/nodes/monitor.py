@@ -46,6 +46,7 @@ class Monitor(Node):
         self.demonstrated: list[Transition] = []
         self.episodes: list[EpisodeRecord] = []
         self.scores: list[float] = []
+        self.interventions: list[int] = []
         self.conditions: dict[str, dict[str, str]] = {}
         """What each node said last on /diagnostics, by its name there."""
         self._offline = ""
@@ -204,6 +205,7 @@ class Monitor(Node):
             demonstrations=Transitions.of(self.demonstrated, self._samples.n_dims),
             episodes=self.episodes[:learned],
             scores=self.scores[:learned],
+            interventions=self.interventions[:learned],
             policies=policies,
             shown=self.episodes[learned:],
             offline=self._offline,
@@ -266,7 +268,9 @@ class Monitor(Node):
         self.demonstrated.append(self._samples.sample(message).transition)
 
     def _on_score(self, message: Any) -> None:
-        self.scores.append(self._scores.read(message)[4])
+        values = self._scores.read(message)
+        self.scores.append(values[4])
+        self.interventions.append(int(values[7]))
 
     def _on_update(self, message: Any) -> None:
         row = self._update_rows.read_all(message)

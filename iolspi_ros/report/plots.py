@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, hsv_to_rgb, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from iolspi_ros.experiments.evaluate import Policy, endings
@@ -72,6 +73,15 @@ def learning_score(time: Array, scores: Sequence[float]) -> Figure:
         half = window // 2
         axes.plot(time[half : half + len(middle)], middle, color=ACCENT, label=f"mean of {window}")
         axes.legend(frameon=False)
+    return _figure(axes)
+
+
+def interventions(time: Array, counts: Sequence[int]) -> Figure:
+    """Times that a person took over in each episode, over the vehicle time at its end."""
+    axes = _axes("Interventions per episode", "vehicle time [s]", "times taken over", (8.0, 2.8))
+    axes.plot(time, counts, "o", ms=4, color=ACCENT)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylim(bottom=0.0)
     return _figure(axes)
 
 

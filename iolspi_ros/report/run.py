@@ -73,6 +73,7 @@ def summarise(subject: Subject, best: Evaluation | None) -> dict[str, Any]:
         "demonstrated_samples": len(history.demonstrations),
         "offline": history.offline,
         "episodes": len(history.scores),
+        "interventions": sum(history.interventions),
         "vehicle_seconds": round(history.vehicle_time, 6),
         "updates": sum(policy.number > 0 for policy in history.policies),
         "updates_refused": sum(not policy.healthy for policy in history.policies),
@@ -256,10 +257,19 @@ def _learning(subject: Subject, curves: list[plots.Curve], best: Evaluation | No
             score,
             "Sum of rewards of each episode, with its exploring actions.",
         ),
+        *_interventions(time[:flown], history.interventions[:flown]),
         *_ending_shares(task, history),
         *([Part("While still exploring", *exploring)] if exploring else []),
         *_conditions(history),
     ]
+
+
+def _interventions(time: NDArray[np.float64], counts: Sequence[int]) -> list[Part]:
+    """How often a person took over, where one did."""
+    if not any(counts):
+        return []
+    says = "Times that a person took over in each episode. They should become fewer as it learns."
+    return [Part("How often a person helped", plots.interventions(time, counts), says)]
 
 
 def _conditions(history: History) -> list[Part]:

@@ -1,0 +1,404 @@
+"""A person at the stick of whole nodes: takes over, demonstrates, and loses the stick."""
+
+import signal
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import Peer
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from iolspi_ros import bags, qos, wire
+from iolspi_ros.core.learner import Source
+from iolspi_ros.resources import find
+from iolspi_ros.wire import Phase
+from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
+
+TASK = Pendulum.description
+PERIOD = 0.02
+"""Seconds between two messages of the stick."""
+
+NOTING = """
+import numpy as np
+from iolspi_ros.core.online import OnlineLSPI
+
+class Noting(OnlineLSPI):
+    '''Writes down what it learns from.'''
+    def observe(self, transition):
+        t = transition
+        row = [*t.state, t.action, t.reward, *t.next_state, t.terminated, t.truncated, t.source]
+        with open({notes!r}, "ab") as file:
+            np.array(row, float).tofile(file)
+        return super().observe(transition)
+"""
+
+
+class Person(Peer):
+    """Holds a stick that says where it is all the time, and watches the vehicle."""
+
+    def __init__(self, ros, task=TASK):
+        super().__init__(ros)
+        self.task, self.axis, self.buttons = task, 0.0, [0, 0]
+        self.joy = self.publisher("joy", Joy)
+        self.timer = self.node.create_timer(PERIOD, self.say)
+        states = wire.states(task)
+        self.listen("state", states.type, qos.RECORDING)
+        self.listen("reward", Float64MultiArray, qos.RECORDING)
+        self.listen("piloting", Float64MultiArray, qos.LATCHED)
+        self.listen("score", Float64MultiArray, qos.REPORTS)
+        self._rows, self._states = wire.RewardRows(), states
+
+    def say(self):
+        self.joy.publish(Joy(axes=[self.axis], buttons=self.buttons))
+
+    def press(self, down):
+        self.buttons = [int(down), 0]
+        self.say()
+
+    def newest(self):
+        """Of the rewards: by name."""
+        heard = self.heard["reward"]
+        return dict(zip(wire.REWARD, heard[-1].data, strict=True)) if heard else None
+
+    def source(self):
+        return self.newest()["source"] if self.heard["reward"] else -1
+
+    def piloting(self):
+        heard = self.heard["piloting"]
+        return (
+            dict(zip(wire.PILOTING, heard[-1].data, strict=True))
+            if heard
+            else {"phase": -1, "held": -1}
+        )
+
+    def phase(self, phase):
+        self.until(lambda: self.piloting()["phase"] == phase)
+
+    def observations(self):
+        """What the vehicle showed, by (episode, step); each must always be the same."""
+        states, seen = {}, {}
+        for message in self.heard["state"]:
+            state, stamp = self._states.state(message)
+            states[stamp] = state
+        for message in self.heard["reward"]:
+            values = self._rows.read(message)
+            stamp = wire.join(values[2], values[3])
+            if stamp in states:
+                found = self._rows.observation(values, states[stamp], stamp)
+                before = seen.setdefault((found.episode, found.step), found)
+                assert before[3:] == found[3:]
+        return seen
+
+    def ask(self, verdict):
+        return self.call(Trigger, f"/demonstrator/{verdict}", Trigger.Request())
+
+
+@pytest.fixture
+def person(ros):
+    return Person(ros)
+
+
+def stand_by(nodes, *arguments):
+    """A demonstrator that has demonstrated, and is there to take over."""
+    nodes.start(
+        "demonstrator", "-p", "source:=scripted", "-p", "episodes:=1", "-p", "takeover_button:=0",
+        *arguments,
+    )  # fmt: skip
+    nodes.wait_for("demonstrator", "button 0 takes the vehicle over")
+
+
+def learn(nodes, *arguments):
+    nodes.start("learner", "-p", "wait_for_demonstrations:=false", *arguments)
+    nodes.wait_for("learner", "acting on")
+
+
+# ---------------------------------------------------------------- takeover
+
+
+@pytest.mark.parametrize(
+    ("count", "mode"),
+    [(12, "lockstep"), (12, "realtime"), pytest.param(100, "lockstep", marks=pytest.mark.slow),
+     pytest.param(100, "realtime", marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp_path, count, mode):
+    """Each transition learned from is one that the vehicle made, once, and says who flew it."""
+    notes, rng = tmp_path / "notes", np.random.default_rng(count)
+    (tmp_path / "noting.py").write_text(NOTING.format(notes=str(notes)))
+    nodes.env["PYTHONPATH"] = f"{tmp_path}:{find('package.xml').parent}"
+    noise = "sensor_noise:=[0.001]"  # tells each state from those of other episodes
+    nodes.start("simulator", "-p", f"mode:={mode}", "-p", noise)
+    stand_by(nodes)
+    learn(nodes, "-p", "learner:=noting:Noting")
+    for _ in range(count):
+        person.spin(rng.uniform(0.0, 0.1))
+        person.axis = float(rng.choice([-1.0, 0.0, 1.0]))
+        person.press(True)
+        person.until(lambda: person.source() == Source.HUMAN)
+        person.spin(rng.uniform(0.0, 0.1))
+        person.press(False)
+        person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
+    assert nodes.end("learner") == 0
+    person.spin(0.5)
+    seen = person.observations()
+    made = {
+        before.state.tobytes() + after.state.tobytes(): [
+            *before.state, after.action, after.reward, *after.state, after.terminated,
+            after.truncated, after.source,
+        ]
+        for (episode, step), before in seen.items()
+        if (after := seen.get((episode, step + 1))) is not None
+    }  # fmt: skip
+    learned = np.fromfile(notes).reshape(-1, 2 * TASK.n_dims + 5)
+    keys = [row[:2].tobytes() + row[4:6].tobytes() for row in learned]
+    assert len(set(keys)) == len(keys)  # none twice
+    assert [made[key] for key in keys] == learned.tolist()
+    shown = int((learned[:, -1] == Source.HUMAN).sum())
+    assert shown >= count
+    flown = [seen[key].source in (Source.HUMAN, Source.CORRUPTED) for key in sorted(seen)]
+    rises = sum(now and not before for before, now in pairwise([False, *flown]))
+    assert rises >= count
+    if mode == "lockstep":  # nothing is lost there
+        over = [wire.ScoreRows().read(m) for m in person.heard["score"]]
+        in_time = {
+            episode: [seen[k].source == Source.HUMAN for k in sorted(seen) if k[0] == episode]
+            for episode, *_ in over
+        }
+        assert [int(values[-1]) for values in over] == [
+            sum(now and not before for before, now in pairwise([False, *in_time[values[0]]]))
+            for values in over
+        ]
+
+
+def test_from_the_button_to_the_first_action_are_no_two_periods(nodes, ros):
+    person = Person(ros, SlungLoad.description)
+    nodes.start("simulator", "-p", "task:=slung_load", "-p", "mode:=realtime")
+    stand_by(nodes, "-p", "joy_actions:=3")
+    learn(nodes)
+    took = []
+    for _ in range(12):
+        while True:  # in the middle of an episode
+            count = len(person.heard["reward"])
+            person.until(lambda count=count: len(person.heard["reward"]) > count)
+            pressed = person.newest()
+            if pressed["step"] < 20 and not pressed["terminated"]:
+                break
+        person.press(True)
+        person.until(lambda: person.source() == Source.HUMAN)
+        first = person.newest()
+        if first["episode"] == pressed["episode"]:
+            took.append(first["step"] - pressed["step"])
+        person.press(False)
+        person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
+    assert len(took) >= 6
+    assert max(took) <= 2.0  # it is in force for the whole of the step that ends there
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_a_demonstrator_killed_while_holding_gives_the_vehicle_back(nodes, person, mode):
+    nodes.start("simulator", "-p", f"mode:={mode}")
+    stand_by(nodes)
+    learn(nodes)
+    person.axis = 1.0
+    person.press(True)
+    person.until(lambda: person.source() == Source.HUMAN)
+    nodes.end("demonstrator", signal.SIGKILL)
+    person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
+    seen = person.observations()
+    last = max(key for key in seen if seen[key].source == Source.HUMAN)
+    gap = [seen[key] for key in sorted(seen) if key > last and seen[key].step > 0]
+    until = next(n for n, o in enumerate(gap) if o.source != Source.HOLD)
+    assert {o.action for o in gap[:until]} <= {TASK.neutral}
+
+
+def test_a_silent_stick_takes_nothing_and_a_latched_one_is_let_go(nodes, person):
+    nodes.start("simulator")
+    stand_by(nodes, "-p", "takeover_latched:=true")
+    learn(nodes)
+    for silent in (False, True):
+        person.press(True)
+        person.press(False)  # and stays taken over
+        person.until(lambda: person.piloting()["held"] == 1.0)
+        person.until(lambda: person.source() == Source.HUMAN)
+        if silent:
+            person.timer.cancel()
+        else:
+            person.press(True)
+            person.press(False)
+        person.until(lambda: person.piloting()["held"] == 0.0)
+        person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
+
+
+# ---------------------------------------------------------------- demonstrating
+
+
+def demonstrate(nodes, *arguments, **values):
+    """A demonstrator by joystick."""
+    given = {"source": "joy", "countdown": 0.0} | values
+    texts = [f"{name}:={str(v).lower() if isinstance(v, bool) else v}" for name, v in given.items()]
+    return nodes.start("demonstrator", *arguments, *(x for t in texts for x in ("-p", t)))
+
+
+def fly(person, then):
+    """An episode flown at random, from a movement to what follows it."""
+    person.axis = -person.axis or 1.0
+    person.until(lambda: person.piloting()["phase"] in (Phase.FLYING, then))
+    person.phase(then)
+
+
+def test_it_begins_at_a_movement_and_an_episodes_beginning(nodes, person):
+    """Whoever flew before, and in real time: the vehicle waits for its pilot."""
+    nodes.start("simulator", "-p", "mode:=realtime")
+    learn(nodes)
+    person.until(lambda: person.newest() and person.newest()["step"] > 50)
+    person.listen("sample", Float64MultiArray, qos.SAMPLES)
+    demonstrate(nodes, episodes=1, countdown=0.5)
+    person.phase(Phase.WAITING)
+    person.spin(1.0)  # it repeats, and does not move
+    assert person.piloting()["phase"] == Phase.WAITING
+    person.axis = 1.0
+    person.until(lambda: person.piloting()["phase"] == Phase.FLYING)
+    person.until(lambda: len(person.heard["sample"]) >= 295)
+    person.phase(Phase.ENDED)
+    rows = wire.SampleRows(TASK.names)
+    found = [rows.sample(m) for m in person.heard["sample"]]
+    assert {s.source for s in found} <= {Source.HUMAN, Source.HOLD}
+    assert [s.source for s in found].count(Source.HOLD) <= 1  # the first, if it came late
+    assert found[0].step == 0
+    assert len({s.episode for s in found}) == 1
+
+
+def test_verdicts_decide_what_the_bag_and_the_learner_get(nodes, person, tmp_path):
+    person.listen("sample", Float64MultiArray, qos.SAMPLES)
+    person.listen("demonstration", Float64MultiArray, qos.RECORDING)
+    nodes.start("simulator")
+    demonstrate(nodes, review=True, countdown=2.0, record=tmp_path / "bag")
+    person.phase(Phase.WAITING)
+    assert not person.ask("keep").success
+    flown = []
+    for verdict in ("keep", "discard", "keep", "keep"):
+        fly(person, Phase.REVIEW)
+        flown.append(person.newest()["episode"])
+        answer = person.ask(verdict)
+        assert answer.success, answer.message
+    for _ in range(3):
+        assert person.ask("undo").success  # the last, the third and the second
+    assert person.ask("keep").success  # the second after all
+    assert person.ask("discard").success  # the third
+    assert person.heard["sample"] == []
+    answer = person.ask("finish")
+    assert answer.success
+    assert answer.message == "2 kept, 1 discarded, 1 not decided"
+    kept = flown[:2]
+    person.until(lambda: len(person.heard["sample"]) == 600)
+    person.until(lambda: person.heard["demonstration"])
+    assert list(person.heard["demonstration"][-1].data[-2:]) == [0.0, 600.0]
+    rows = wire.SampleRows(TASK.names)
+    sent = [rows.sample(m) for m in person.heard["sample"]]
+    assert sorted({s.episode for s in sent}) == kept
+    nodes.wait_for("demonstrator", "samples are in")
+    found = bags.read_demonstration(tmp_path / "bag", TASK)
+    assert sorted({s.episode for s in found.samples}) == kept
+    assert "2 episodes that were discarded are left out" in found.notes
+    assert found.card["samples"] == len(found.samples) == 600
+    assert person.piloting()["phase"] == Phase.ENDED
+    assert "has ended" in person.ask("undo").message
+
+
+def test_a_kill_costs_the_running_episode_alone(nodes, person, tmp_path):
+    nodes.start("simulator")
+    demonstrate(nodes, review=True, record=tmp_path / "bag")
+    person.phase(Phase.WAITING)
+    kept = []
+    for verdict in ("keep", "discard", "keep"):
+        fly(person, Phase.REVIEW)
+        if verdict == "keep":
+            kept.append(person.newest()["episode"])
+        assert person.ask(verdict).success
+    person.axis = -person.axis
+    nodes.end("demonstrator", signal.SIGKILL)
+    found = bags.read_demonstration(tmp_path / "bag", TASK)
+    assert [*dict.fromkeys(s.episode for s in found.samples)] == kept
+    assert len(found.samples) == 600
+
+
+def test_a_stick_that_falls_silent_pauses_and_marks_the_episode(nodes, person, tmp_path):
+    """In slow real time: half an episode flown, then nothing is a person's."""
+    nodes.start("simulator", "-p", "mode:=realtime")
+    demonstrate(nodes, episodes=1, record=tmp_path / "bag")
+    person.phase(Phase.WAITING)
+    person.axis = 1.0
+    person.phase(Phase.FLYING)
+    person.until(lambda: person.source() == Source.HUMAN)
+    person.timer.cancel()
+    person.phase(Phase.PAUSED)
+    person.until(lambda: person.source() == Source.HOLD)
+    marked = person.newest()["episode"]
+    person.until(lambda: person.piloting()["discarded"] == 1.0)
+    person.timer.reset()
+    person.phase(Phase.WAITING)
+    person.axis = -1.0
+    person.until(lambda: person.piloting()["kept"] == 1.0)
+    nodes.wait_for("demonstrator", "demonstration ended")
+    found = bags.read_demonstration(tmp_path / "bag", TASK)
+    assert marked not in {s.episode for s in found.samples}
+    assert "1 episodes that were discarded are left out" in found.notes
+    assert len(found.samples) >= 290
+
+
+@pytest.mark.parametrize(
+    ("values", "level", "words"),
+    [({"joy_axis": 3}, 2, "the joystick has no axis 3; allowed: 0 to 0"),
+     ({"takeover_button": 6}, 2, "the joystick has no button 6; allowed: 0 to 1"),
+     ({"nan": True}, 1, "messages of the joystick were no positions of a stick"),
+     ({"two": True}, 1, "2 publish on /joy, where only one may")],
+)  # fmt: skip
+def test_a_stick_that_cannot_be_trusted_is_said(nodes, person, values, level, words):
+    person.listen("/diagnostics", DiagnosticArray, qos.RECORDING)
+    if values.pop("two", False):
+        person.publisher("joy", Joy)
+    if values.pop("nan", False):
+        person.axis = float("nan")
+    nodes.start("simulator")
+    demonstrate(nodes, **values)
+
+    def said():
+        person.axis = -person.axis
+        return any(
+            words in status.message and status.level == bytes([level])
+            for m in person.heard["/diagnostics"] for status in m.status
+            if status.name == "demonstrator: demonstrating"
+        )  # fmt: skip
+
+    person.until(said)
+    if "two" not in words and "2 publish" not in words:
+        assert person.piloting()["phase"] in (-1, Phase.NO_STICK)
+        assert all(m.data[1] == 0.0 for m in person.heard["reward"])
+
+
+def test_a_place_to_record_to_is_looked_at_before_anybody_flies(run_here, tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "file").write_text("")
+    for place, words in (("there", "exists already"), ("file/bag", "cannot be made in")):
+        status, said = run_here("demonstrator", "-p", "source:=joy", "-p",
+                                f"record:={tmp_path / place}")  # fmt: skip
+        assert status == 2
+        assert words in said
+        assert "Traceback" not in said
+
+
+def test_slow_motion_while_it_runs(nodes, person):
+    nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=20.0")
+    person.until(lambda: person.heard["reward"])
+    assert person.set("simulator", real_time_factor=0.1)[0].successful
+    person.spin(0.2)
+    count = len(person.heard["reward"])
+    person.spin(1.0)  # twenty steps a second, and were four thousand
+    assert 0 < len(person.heard["reward"]) - count < 60
+    assert not person.set("simulator", real_time_factor=0.0)[0].successful
+    assert person.set("simulator", real_time_factor=1.0)[0].successful
+    count = len(person.heard["reward"])
+    person.until(lambda: len(person.heard["reward"]) > count + 50)
