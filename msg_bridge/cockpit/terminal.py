@@ -63,14 +63,20 @@ def _numbers(board: Board) -> Table:
     rows = [("episode", now.get("episode")), ("step", now.get("step")),
             ("reward", now.get("reward")), ("last score", scores[-1][1] if scores else None),
             ("ε", update.get("epsilon")), ("updates", update.get("number")),
-            ("samples", update.get("samples")), ("states/s", rate.get("states"))]  # fmt: skip
+            ("samples", update.get("samples")), ("× real time", rate.get("factor"))]  # fmt: skip
     names = [variable["name"] for variable in board.get("task")["variables"]]
     rows += zip(names, now.get("state", [None] * len(names)), strict=True)
     for name, value in rows:
-        table.add_row(Text(name, style="dim"), "–" if value is None else f"{value:.4g}")
+        table.add_row(Text(name, style="dim"), _number(value))
     if scores:
         table.add_row(Text("scores", style="dim"), spark([row[1] for row in scores[-SCORES:]]))
     return table
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.4g}"
 
 
 def _picture(board: Board) -> RenderableType:
@@ -169,6 +175,7 @@ def _dots(shape: dict[str, Any], step: float) -> list[tuple[float, float]]:
     (x, z), (w, h) = points[0], shape["size"]
     across, up = max(1, math.ceil(w / step)), max(1, math.ceil(h / step))
     inside = [(i / across - 0.5, j / up - 0.5) for i in range(across + 1) for j in range(up + 1)]
+    inside.append((0.0, 0.0))
     if shape["kind"] == "ball":
         inside = [(u, v) for u, v in inside if u * u + v * v <= 0.25]
     return [(x + w * u, z + h * v) for u, v in inside]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +24,7 @@ from msg_bridge.cockpit.episodes import Episodes, Score
 from msg_bridge.cockpit.policy import LearnerAsked, policy_map
 
 PERIOD, SLOW_PERIOD = 1 / 30, 1.0
-"""Seconds between looks at what came: at states; at maps and rates."""
+"""Seconds between looks at what came: at states; at maps and the pace."""
 AT_ONCE = 64
 """States taken in a look; in lockstep more come, and the newest are shown."""
 _KINDS = {Marker.CUBE: "box", Marker.SPHERE: "ball", Marker.LINE_STRIP: "line"}
@@ -52,7 +53,7 @@ class Watching:
         self._learner: Learner | None = None
         self.episodes: Episodes | None = None
         self.ignored = 0
-        self._count = 0
+        self._pace = (0.0, 0)  # when, and the stamp then [s, ns]
         self._updates = wire.Rows("update", wire.UPDATE)
         self._scores = wire.ScoreRows()
         self._action_rows, self._asked_by = wire.Rows("action", wire.ACTION), -1
@@ -144,7 +145,6 @@ class Watching:
                 except InputError:
                     self.ignored += 1
         for observation in sorted(filter(None, seen), key=lambda o: (o.episode, o.step)):
-            self._count += 1
             before = len(self.episodes.scores)
             self.episodes.take(observation)
             if len(self.episodes.scores) != before:
@@ -164,23 +164,27 @@ class Watching:
         return found
 
     def _look_slowly(self) -> None:
-        """Show maps, and how often states come."""
+        """Show maps, and how fast it goes."""
         if self.episodes is None or self._asked is None:
             return
-        visits = self.episodes.map_of_visits()
-        if self._count:
-            self.board.put(
-                "visits",
-                {
-                    "bins": len(visits),
-                    "counts": visits.ravel().tolist(),
-                    "limits": self.episodes.limits,
-                },
-            )
-        self.board.put("rate", {"states": self._count / SLOW_PERIOD})
-        self._count = 0
+        if self._show_pace():
+            visits = self.episodes.map_of_visits()
+            self.board.put("visits", {
+                "bins": len(visits), "counts": visits.ravel().tolist(),
+                "limits": self.episodes.limits,
+            })  # fmt: skip
         self._asked.ask()
         self._show_policy()
+
+    def _show_pace(self) -> bool:
+        """Show vehicle seconds per second since the last look; whether the vehicle moved."""
+        assert self.episodes is not None
+        then, before = self._pace
+        seen = self.episodes.now
+        self._pace = now, stamp = time.monotonic(), seen.stamp if seen is not None else 0
+        factor = (stamp - before) / wire.NANOSECONDS / (now - then) if before else 0.0
+        self.board.put("rate", {"factor": max(factor, 0.0)})
+        return stamp != before
 
     def _show_policy(self) -> None:
         """Draw the policy map if there is a new policy: at most once a second."""

@@ -248,7 +248,7 @@ window.cockpit = (() => {
       ["reward", number(now.reward)], ["last score", number(last, 4)],
       ["ε", number(u.epsilon)], ["updates", u.number === undefined ? "–" : number(u.number, 6)],
       ["samples", u.samples === undefined ? "–" : number(u.samples, 7)],
-      ["states/s", is.rate ? number(is.rate.states) : "–"]];
+      ["× real time", is.rate ? number(is.rate.factor, 2) : "–"]];
     (is.task ? is.task.variables : []).forEach((v, d) => shown.push([v.name, now.state ? number(now.state[d]) : "–"]));
     const boxes = $("numbers");
     if (boxes.children.length !== shown.length) {
@@ -483,8 +483,9 @@ window.cockpit = (() => {
   function drawMaps() {
     const p = is.policy, v = is.visits;
     if (!is.task) return;
+    const which = p ? ` ${p.number}` : "";
     $("policy-title").textContent = mapShows === "action"
-      ? "Policy (click: its value)" : "Value of the policy (click: its actions)";
+      ? `Policy${which} (click: its value)` : `Value of policy${which} (click: its actions)`;
     $("visits-title").textContent = "Visits";
     if (p) {
       drawMap("policy", p.points, (k) => (mapShows === "action" ? colour(p.action[k]) : shade(p.value[k])), p.limits);
