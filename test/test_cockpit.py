@@ -356,6 +356,8 @@ def test_scores_are_sums_of_episodes_that_were_seen_whole():
         shown.take(seen)  # repeated
     for seen in list(episode(4, [-1.0] * 5, Source.EXPLOIT))[2:]:
         shown.take(seen)
+    for seen in episode(5, [-1.0] * 5, Source.HOLD):  # nobody flew
+        shown.take(seen)
     assert list(shown.scores.values()) == [Score(3, -7.0, True)]
     shown.score(Score(4, -5.0, False, 2))
     assert shown.scores[4] == Score(4, -5.0, False, 2)

@@ -70,9 +70,13 @@ class Episodes:
     _sum: float = 0.0
     _steps: int = 0
     _demonstrated: int = 0
+    _nobody: int = 0
 
     def take(self, seen: Observation) -> None:
-        """Take an observation; older ones and repeated ones say nothing new."""
+        """Take an observation; older ones and repeated ones say nothing new.
+
+        An episode that was seen whole, and that somebody flew, has a score.
+        """
         before = self.now
         if before is not None and (seen.episode, seen.step) <= (before.episode, before.step):
             return
@@ -80,11 +84,12 @@ class Episodes:
         if np.isfinite(seen.state).all():
             self._states.append(seen.state)
         if seen.step == 0 or before is None or seen.episode != before.episode:
-            self._sum, self._steps, self._demonstrated = 0.0, 0, 0
+            self._sum, self._steps, self._demonstrated, self._nobody = 0.0, 0, 0, 0
         if seen.step:
             self._sum, self._steps = self._sum + seen.reward, self._steps + 1
             self._demonstrated += seen.source in DEMONSTRATED
-        if seen.last and self._steps == seen.step:  # seen whole
+            self._nobody += seen.source == Source.HOLD
+        if seen.last and self._steps == seen.step and 2 * self._nobody < self._steps:
             self.score(Score(seen.episode, self._sum))
 
     def score(self, score: Score) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
@@ -24,6 +24,9 @@ from msg_bridge.cockpit.watching import Watching
 
 if TYPE_CHECKING:
     from msg_bridge.cockpit.server import Server
+
+PACE = "real_time_factor"
+"""The simulator's parameter for slow motion."""
 
 
 class CockpitNode(ManagedNode):
@@ -48,7 +51,9 @@ class CockpitNode(ManagedNode):
         self._verdicts = {
             name: self.create_client(Trigger, f"demonstrator/{name}") for name in words.SERVICES
         }
-        self._speed = self.create_client(SetParameters, "simulator/set_parameters")
+        self._set_pace = self.create_client(SetParameters, "simulator/set_parameters")
+        self._get_pace = self.create_client(GetParameters, "simulator/get_parameters")
+        self._looking = runtime.wall_timer(self, 1.0, self._look_at_pace)
         self._watching = Watching(self, self.board, self._on_task)
         self._vitals = Vitals(self, "showing", (), self._diagnose)
         self._server.start()
@@ -80,7 +85,8 @@ class CockpitNode(ManagedNode):
         self._watching.close()
         self._vitals.close()
         self.destroy_publisher(self._joy)
-        for client in (*self._verdicts.values(), self._speed):
+        self.destroy_timer(self._looking)
+        for client in (*self._verdicts.values(), self._set_pace, self._get_pace):
             self.destroy_client(client)
 
     def close(self) -> None:
@@ -104,35 +110,37 @@ class CockpitNode(ManagedNode):
 
     def call(self, service: str) -> None:
         """Call a service of the demonstrator, and show its answer."""
-        client = self._verdicts[service]
-        if not client.service_is_ready():
-            self._said(f"{service}: there is no demonstrator", good=False)
-            return
 
-        def answered(future: Any) -> None:
-            answer = future.result()
+        def answered(answer: Any) -> None:
             self._said(answer.message or service, good=answer.success)
 
-        client.call_async(Trigger.Request()).add_done_callback(answered)
+        if not _ask(self._verdicts[service], Trigger.Request(), answered):
+            self._said(f"{service}: there is no demonstrator", good=False)
 
     def speed(self, factor: float) -> None:
         """Set vehicle seconds per second, and show what came of it."""
-        if not self._speed.service_is_ready():
-            self._said("speed: there is no simulator", good=False)
-            return
         request = SetParameters.Request()
-        request.parameters = [Parameter("real_time_factor", value=factor).to_parameter_msg()]
+        request.parameters = [Parameter(PACE, value=factor).to_parameter_msg()]
 
-        def answered(future: Any) -> None:
-            result = future.result().results[0]
-            if result.successful:
+        def answered(answer: Any) -> None:
+            result = answer.results[0]
+            text = f"{factor:g} of real time" if result.successful else f"speed: {result.reason}"
+            self._said(text, good=result.successful)
+            self._look_at_pace()
+
+        if not _ask(self._set_pace, request, answered):
+            self._said("speed: there is no simulator", good=False)
+
+    def _look_at_pace(self) -> None:
+        """Show vehicle seconds per second, whoever has set them."""
+
+        def answered(answer: Any) -> None:
+            factor = answer.values[0].double_value if answer.values else 0.0
+            shown = self.board.get("speed")
+            if factor and (shown is None or shown["factor"] != factor):
                 self.board.put("speed", {"factor": factor})
-            self._said(
-                f"{factor:g} of real time" if result.successful else f"speed: {result.reason}",
-                good=result.successful,
-            )
 
-        self._speed.call_async(request).add_done_callback(answered)
+        _ask(self._get_pace, GetParameters.Request(names=[PACE]), answered)
 
     def _said(self, text: str, *, good: bool) -> None:
         self.board.put("said", {"text": text, "good": good})
@@ -144,6 +152,14 @@ class CockpitNode(ManagedNode):
         if self._server is not None:
             report.values["address"] = self._server.address
         return report
+
+
+def _ask(client: Any, request: Any, then: Callable[[Any], None]) -> bool:
+    """Call a service without waiting for its answer; False when there is none."""
+    if not client.service_is_ready():
+        return False
+    client.call_async(request).add_done_callback(lambda future: then(future.result()))
+    return True
 
 
 def main() -> int:

@@ -68,10 +68,9 @@ def show() -> None:
                             )  # fmt: skip
                     with _part("label", "pace"):
                         ui.label("Speed")
-                        slider = ui.slider(min=SLOWEST, max=FASTEST, step=0.1, value=FASTEST)
-                        slider.props("id=speed label snap").on(
-                            "change", js_handler="(value) => cockpit.speed(value)"
-                        )
+                        limits = f"min={SLOWEST} max={FASTEST} step=0.1 value={FASTEST}"
+                        _part("input", "speed").props(f"type=range {limits}")
+                        _part("span", "factor")
             _part("div", "help")
         with _part("div", "side"):
             _part("section", "numbers", "card")

@@ -9,7 +9,7 @@ window.cockpit = (() => {
   const GREY = "#D5DADF", INK = "#1f2933", SOFT = "#616e7c", TEAL = "#0b7285", AMBER = "#b35900";
   const PHASES = ["Move the stick or press a key: nothing has been heard yet",
     "Move the stick to begin", "Get ready", "You fly", "Keep this episode, or discard it?",
-    "The demonstration is over; space takes over", "Paused: the stick was silent"];
+    "The demonstration is over", "Paused: the stick was silent"];
   const is = {}; // the newest of each part
   const keys = new Set(), touched = new Set();
   let socket = null, me = null, latched = false, pad = [0, 0], lastSaid = "", said = 0;
@@ -48,7 +48,7 @@ window.cockpit = (() => {
     else if (part === "said") toast(content);
     else if (part === "health") showHealth();
     else if (part === "piloting" || part === "takeover") showPiloting();
-    else if (part === "speed") $("speed").title = `${content.factor} of real time`;
+    else if (part === "speed") showSpeed(content.factor);
     if (part === "scores") drawScores();
     if (part === "policy" || part === "visits") drawMaps();
   }
@@ -122,6 +122,10 @@ window.cockpit = (() => {
 
   function call(service) { say({say: "call", service}); }
   function speed(factor) { say({say: "speed", factor: Number(factor)}); }
+  function showSpeed(factor) {
+    $("speed").value = factor;
+    $("factor").textContent = `${number(factor, 2)} ×`;
+  }
   function toggleStick() { say({say: holding() ? "give" : "ask"}); }
   function toggleTakeover() { latched = !latched; moved(false); }
 
@@ -213,6 +217,7 @@ window.cockpit = (() => {
       if (p.phase < 5 || p.phase === 6) text += ` · ${p.kept} of ${p.n_episodes} kept`
         + (p.discarded ? `, ${p.discarded} discarded` : "");
     }
+    if (p && p.phase === 5) text += holding() ? "; space takes over" : "; take the stick to take over";
     if (held && p && p.phase === 5) text = "You have the vehicle; let go to hand it back";
     $("piloting").textContent = text;
     $("verdicts").style.display = p && p.phase !== 5 ? "" : "none";
@@ -459,8 +464,14 @@ window.cockpit = (() => {
     return `rgb(${mix})`;
   }
 
+  function fitted(c, text, width) {
+    let short = text;
+    while (short.length > 3 && c.measureText(short).width > width) short = `${short.replace("…", "").slice(0, -1)}…`;
+    return short;
+  }
+
   function drawMap(name, n, fill, limits) {
-    const [c, w, h] = canvasOf(name), left = 34, bottom = h - 36, right = w - 6, top = 6;
+    const [c, w, h] = canvasOf(name), left = 44, bottom = h - 36, right = w - 6, top = 6;
     const cw = (right - left) / n, ch = (bottom - top) / n;
     for (let j = 0; j < n; j++) for (let i = 0; i < n; i++) {
       const paint = fill(j * n + i);
@@ -470,9 +481,9 @@ window.cockpit = (() => {
     }
     c.strokeStyle = "#cbd2d9"; c.strokeRect(left, top, right - left, bottom - top);
     c.fillStyle = SOFT; c.textAlign = "center";
-    c.fillText(is.task.axes[0], (left + right) / 2, h - 4);
+    c.fillText(fitted(c, is.task.axes[0], right - left), (left + right) / 2, h - 4);
     c.save(); c.translate(11, (top + bottom) / 2); c.rotate(-Math.PI / 2);
-    c.fillText(is.task.axes[1], 0, 0); c.restore();
+    c.fillText(fitted(c, is.task.axes[1], bottom - top - 40), 0, 0); c.restore();
     if (!limits) return;
     const [[x0, x1], [y0, y1]] = limits;
     c.fillText(number(x0), left + 8, bottom + 14); c.fillText(number(x1), right - 10, bottom + 14);
@@ -514,6 +525,8 @@ window.cockpit = (() => {
   function begin() {
     if (!$("vehicle") || !$("health")) { setTimeout(begin, 30); return; } // not laid out yet
     bindPad();
+    $("speed").addEventListener("input", () => showSpeed(Number($("speed").value)));
+    $("speed").addEventListener("change", () => { speed($("speed").value); $("speed").blur(); });
     $("policy-figure").addEventListener("click", () => {
       mapShows = mapShows === "action" ? "value" : "action"; drawMaps();
     });
