@@ -1,12 +1,18 @@
 """What a stick says, and when it cannot be trusted."""
 
 import math
+import subprocess
+import sys
 
+import numpy as np
 import pytest
+from conftest import Peer
 from hypothesis import given
 from hypothesis import strategies as st
+from sensor_msgs.msg import Joy
 
 from iolspi_ros.errors import InputError
+from iolspi_ros.nodes.calibration import Calibration
 from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
 
 
@@ -128,3 +134,81 @@ def test_a_trigger_rests_at_its_end_when_it_is_told_so():
 def test_ends_that_cannot_be_are_refused(low, center, high):
     with pytest.raises(InputError, match="in this order, and the ends apart"):
         JoystickSettings(joy_low=(low,), joy_center=(center,), joy_high=(high,))
+
+
+class Device:
+    """A stick on axis 2 of four, noisy and a little off; a trigger rests at 1; eight buttons."""
+
+    def __init__(self, first=-0.93, last=0.88):
+        self.rng = np.random.default_rng(1)
+        self.answers = {
+            "let go": (0.05, None), "first action": (first, None), "last action": (last, None),
+            "action 3": (0.05, 6), "action 4": (0.05, 2), "takes over": (0.05, 5),
+        }  # fmt: skip
+
+    def where(self, question):
+        stick, button = next(a for words, a in self.answers.items() if words in question)
+        axes = self.rng.uniform(-0.01, 0.01, 4) + np.array([0.0, 0.0, stick, 0.99])
+        return [float(axis) for axis in axes], [int(n == button) for n in range(8)]
+
+
+@pytest.mark.parametrize(("first", "last"), [(-0.93, 0.88), (0.9, -1.0)])
+def test_a_stick_is_known_by_how_it_moves(first, last):
+    device, calibration = Device(first, last), Calibration((3, 4), takeover=True)
+    heard = 0
+    while calibration.question:
+        calibration.take(*device.where(calibration.question))
+        heard += 1
+        assert heard < 200
+    found = calibration.parameters()
+    assert (found["joy_axis"], found["takeover_button"]) == (2, 5)
+    assert found["joy_buttons"] == [-1, -1, 4, -1, -1, -1, 3]
+    del found["takeover_button"]
+    settings = JoystickSettings(
+        joy_actions=3, **{k: tuple(v) if isinstance(v, list) else v for k, v in found.items()}
+    )
+    stick = Joystick(settings, 5, 1, (5,), Clock())
+    chosen = []
+    for question in device.answers:
+        stick.take(*device.where(question))
+        chosen.append(stick.action())
+    assert chosen == [1, 0, 2, 3, 4, 1]
+
+
+def test_what_is_no_answer_is_waited_out():
+    calibration = Calibration()
+    for k in range(50):
+        calibration.take([math.sin(k), math.nan if k % 2 else 0.0], [1])
+    assert calibration.question == "let go of everything"
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_the_command_writes_what_the_demonstrator_takes(nodes, ros, tmp_path, there):
+    out, log = tmp_path / "stick.yaml", tmp_path / "said"
+    if there:
+        out.write_text("mine")
+    command = [sys.executable, "-m", "iolspi_ros", "joystick", "--out", str(out), "--takeover"]
+    with log.open("w") as said:
+        process = subprocess.Popen(command, env=nodes.env, stdout=said, stderr=said)
+    nodes.processes["joystick"] = process
+    peer, device = Peer(ros), Device()
+    joy = peer.publisher("joy", Joy)
+
+    def answered():
+        lines = [line for line in log.read_text().splitlines() if "Now " in line]
+        if lines:
+            axes, buttons = device.where(lines[-1])
+            joy.publish(Joy(axes=axes, buttons=buttons))
+        return process.poll() is not None
+
+    peer.until(answered)
+    if there:
+        assert process.returncode == 2
+        assert "exists already" in log.read_text()
+        assert out.read_text() == "mine"
+        return
+    assert process.returncode == 0, log.read_text()
+    nodes.start("simulator")
+    nodes.start("demonstrator", "--params-file", str(out))
+    nodes.wait_for("demonstrator", "waiting for a joystick")
+    assert "does nothing" not in nodes.log("demonstrator")

@@ -216,7 +216,7 @@ def test_a_demonstrator_killed_while_holding_gives_the_vehicle_back(nodes, perso
 
 def test_a_silent_stick_takes_nothing_and_a_latched_one_is_let_go(nodes, person):
     nodes.start("simulator")
-    stand_by(nodes, "-p", "takeover_latched:=true")
+    stand_by(nodes, "-p", "takeover_latched:=true", "-p", "joy_timeout:=2.0")
     learn(nodes)
     for silent in (False, True):
         person.press(True)
@@ -236,8 +236,8 @@ def test_a_silent_stick_takes_nothing_and_a_latched_one_is_let_go(nodes, person)
 
 
 def demonstrate(nodes, *arguments, **values):
-    """A demonstrator by joystick."""
-    given = {"source": "joy", "countdown": 0.0} | values
+    """A demonstrator by joystick, which a busy machine may keep silent for a while."""
+    given = {"source": "joy", "countdown": 0.0, "joy_timeout": 5.0} | values
     texts = [f"{name}:={str(v).lower() if isinstance(v, bool) else v}" for name, v in given.items()]
     return nodes.start("demonstrator", *arguments, *(x for t in texts for x in ("-p", t)))
 
@@ -326,9 +326,9 @@ def test_a_kill_costs_the_running_episode_alone(nodes, person, tmp_path):
 
 
 def test_a_stick_that_falls_silent_pauses_and_marks_the_episode(nodes, person, tmp_path):
-    """In slow real time: half an episode flown, then nothing is a person's."""
-    nodes.start("simulator", "-p", "mode:=realtime")
-    demonstrate(nodes, episodes=1, record=tmp_path / "bag")
+    """In slow real time: a part of an episode flown, then nothing is a person's."""
+    nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=0.2")
+    demonstrate(nodes, episodes=1, record=tmp_path / "bag", joy_timeout=2.0)
     person.phase(Phase.WAITING)
     person.axis = 1.0
     person.phase(Phase.FLYING)

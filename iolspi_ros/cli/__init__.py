@@ -19,6 +19,7 @@ def main() -> int:
         demos,
         doctor,
         fly,
+        joystick,
         learn,
         new_task,
         record,

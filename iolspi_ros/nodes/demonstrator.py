@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
 
 from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.control_loop import TASK, no_vehicle
-from iolspi_ros.nodes.hand import HandFlight, Override, TakeoverSettings
-from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
-from iolspi_ros.nodes.pilot_topics import PilotTopics
-from iolspi_ros.nodes.piloting import PilotingSettings
+from iolspi_ros.nodes.hand import HandFlight
+from iolspi_ros.nodes.override import Override
+from iolspi_ros.nodes.person import Person
 from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
 from iolspi_ros.nodes.teleop import ScriptedFlight, TeleopSettings
 from iolspi_ros.runtime import RCLError
@@ -64,17 +60,13 @@ class Demonstrator(ManagedNode):
         self.settings = parameters.declare(self, DemonstratorSettings)
         self._teleop_settings = parameters.declare(self, TeleopSettings, ("corruption",))
         self._pilot = parameters.declare(self, PilotSettings)
-        self._joystick = parameters.declare(self, JoystickSettings)
-        self._piloting = parameters.declare(self, PilotingSettings)
-        self._takeover = parameters.declare(self, TakeoverSettings)
+        self._person = Person(self, self._teleop_settings)
         self._player_settings = parameters.declare(self, PlayerSettings)
         parameters.check_changes(self, TeleopSettings)
         parameters.warn_unknown(self, ("task",))
         self._waiting: deque[Any] = deque()
         self._bag: bags.BagWriter | None = None
         self._work: Player | ScriptedFlight | HandFlight | Override | None = None
-        self._stick: Joystick | None = None
-        self._topics: PilotTopics | None = None
         self._ended = False
         self.recorded = 0
         self._watch: Any = None
@@ -93,22 +85,11 @@ class Demonstrator(ManagedNode):
             Float64MultiArray, "demonstration", qos.LATCHED
         )
         self._last = (0, 0, 0)  # episode, step and stamp of the last sample
-        sole = ("sample", "demonstration", *(["joy"] if self._person else []))
+        sole = ("sample", "demonstration", *(["joy"] if self._with_person else []))
         self._vitals = Vitals(self, "demonstrating", sole, self._diagnose)
         self._flushing = runtime.wall_timer(self, 0.05, self._look_after)
-        self._joy: list[Any] = []
-        if self._person:
-            self._joy = [self.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)]
-        verdicts: dict[str, Callable[[HandFlight], str]] = {
-            "keep": HandFlight.keep,
-            "discard": HandFlight.discard,
-            "undo": HandFlight.undo,
-            "finish": HandFlight.finish,
-        }
-        self._services_ = [
-            self.create_service(Trigger, f"~/{name}", self._verdict(act))
-            for name, act in verdicts.items()
-        ]
+        if self._with_person:
+            self._person.open()
         self._listener = TaskListener(self, self._on_task, self._on_conflict)
 
     def activate(self) -> None:
@@ -129,14 +110,9 @@ class Demonstrator(ManagedNode):
         self.close()
         if self._work is not None:
             self._work.close()
-        if self._topics is not None:
-            self._topics.close()
-        self._work = self._topics = self._stick = None
-        self._ended = False
-        for subscription in self._joy:
-            self.destroy_subscription(subscription)
-        for service in self._services_:
-            self.destroy_service(service)
+        self._work, self._ended = None, False
+        if self._with_person:
+            self._person.close()
         self._listener.close()
         self._vitals.close()
         self.destroy_timer(self._flushing)
@@ -163,9 +139,9 @@ class Demonstrator(ManagedNode):
             self._work.resume()
 
     @property
-    def _person(self) -> bool:
+    def _with_person(self) -> bool:
         """Whether a person has a part in it."""
-        return self.settings.source == "joy" or self._takeover.takeover_button >= 0
+        return self.settings.source == "joy" or self._person.takes_over
 
     @property
     def _place(self) -> Path:
@@ -175,18 +151,14 @@ class Demonstrator(ManagedNode):
     def _demonstrate(self, task: TaskDescription) -> Player | ScriptedFlight | HandFlight:
         """Make who demonstrates."""
         self._origin = PILOTS[self.settings.source]
-        if self._person:
-            button = self._takeover.takeover_button
-            self._stick = Joystick(self._joystick, task.n_actions, task.neutral, (button,))
-            self._topics = PilotTopics(self, self._teleop_settings.episodes)
+        if self._with_person:
+            self._person.meet()
         if self.settings.source == "bag":
             self._origin += ", ".join(self._player_settings.bags)
             return Player(self, self._player_settings)
         if self.settings.source == "scripted":
             return ScriptedFlight(self, self._teleop_settings, self._scripted(task))
-        assert self._stick is not None
-        assert self._topics is not None
-        return HandFlight(self, self._teleop_settings, self._piloting, self._stick, self._topics)
+        return self._person.demonstrate()
 
     def _scripted(self, task: TaskDescription) -> ScriptedPilot:
         """The scripted pilot."""
@@ -207,40 +179,14 @@ class Demonstrator(ManagedNode):
             timeout = self._teleop_settings.vehicle_timeout
             self.fail(no_vehicle(self, self._listener.topic, timeout, TASK, qos.TASK))
 
-    # ------------------------------------------------------------ a person
-
-    def _on_joy(self, message: Joy) -> None:
-        if self._stick is None:
-            return
-        before = self._stick.fault
-        self._stick.take(message.axes, message.buttons)
-        if self._stick.fault and self._stick.fault != before:
-            self.get_logger().error(f"{self._stick.fault}; it does not fly")
-        if self.active and isinstance(self._work, HandFlight | Override):
-            self._work.look()
-
-    def _verdict(self, act: Callable[[HandFlight], str]) -> Callable[[Any, Any], Any]:
-        def answer(_: Any, response: Any) -> Any:
-            try:
-                if not isinstance(self._work, HandFlight):
-                    raise InputError("nobody demonstrates by joystick; allowed: source:=joy")
-                response.message, response.success = act(self._work), True
-                self.get_logger().info(response.message)
-            except InputError as error:
-                response.message, response.success = str(error), False
-            return response
-
-        return answer
-
     def _look_after(self) -> None:
         """Publish what waits; after the demonstration leave the vehicle to whoever takes it."""
         self.flush()
-        if not self._ended or self._takeover.takeover_button < 0 or self._stick is None:
+        if not (self._ended and self._person.takes_over and self._work is not None):
             return
-        if isinstance(self._work, Override) or self._topics is None or self._work is None:
-            return
+        self._ended = False
         self._work.close()
-        self._work = Override(self, self._takeover, self._stick, self._topics)
+        self._work = self._person.stand_by()
         if self.active:
             self._work.resume()
 
@@ -334,25 +280,8 @@ class Demonstrator(ManagedNode):
         }  # fmt: skip
         if len(self._waiting) > 1:
             report.worry(f"{len(self._waiting)} samples wait for a slow listener")
-        if self._stick is not None:
-            self._diagnose_person(self._stick, report)
+        self._person.diagnose(report)
         return report
-
-    def _diagnose_person(self, stick: Joystick, report: Report) -> None:
-        report.values |= {"joystick": "silent" if stick.silent else "there",
-                          "joystick messages dropped": stick.dropped}  # fmt: skip
-        report.worry(stick.fault, DiagnosticStatus.ERROR)
-        if stick.dropped:
-            report.worry(f"{stick.dropped} messages of the joystick were no positions of a stick")
-        if isinstance(self._work, HandFlight):
-            piloting = self._work.piloting
-            report.values |= {"piloting": piloting.phase.name.lower().replace("_", " "),
-                              "kept": piloting.kept, "discarded": piloting.discarded}  # fmt: skip
-            if piloting.phase is wire.Phase.PAUSED:
-                report.worry("the joystick is silent; its driver must repeat what it says "
-                             "(autorepeat_rate of joy_node)")  # fmt: skip
-        if self._topics is not None:
-            report.values["vehicle"] = "held" if self._topics.held else "not held"
 
     def _announce(self, *, active: bool) -> None:
         episode, step, stamp = self._last

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from iolspi_ros.core.samples import Sample
@@ -16,12 +17,15 @@ class SamplesOut(Protocol):
     ----------
     task : TaskDescription
     active : bool
+    given : mapping
+        Parameters that its arguments give it, by name.
     recorded : int
         Samples in the bag that are to be read.
     """
 
     task: TaskDescription
     active: bool
+    given: Mapping[str, Any]
     recorded: int
 
     @property
