@@ -1,4 +1,4 @@
-PYTEST = .venv/bin/python -m pytest -n auto --maxprocesses 8 --dist worksteal
+PYTEST = .venv/bin/python -m pytest -rs -n auto --maxprocesses 8 --dist worksteal
 PROPERTIES = $(shell grep -l '^from hypothesis import' test/test_*.py)
 
 .PHONY: demo cockpit test test-all properties mutants bench clean
