@@ -249,6 +249,59 @@ def test_a_hidden_or_closed_page_lets_go(ros, nodes, browser):
     del kept
 
 
+def test_mouse_touch_and_gamepad_are_sticks(ros, nodes, browser):
+    nodes.start("cockpit")
+    nodes.wait_for("cockpit", "open http")
+    task = task_class("slung_load")().description
+    graph = Graph(ros, task)
+    kept = graph.be_vehicle(task)
+    page = browser(re.search(r"open (\S+)", nodes.log("cockpit"))[1], width=390, height=844)
+    take_the_stick(graph, page)
+    heard = graph.heard["joy"]
+
+    def newest(x, buttons):
+        return heard and abs(heard[-1].axes[0] - x) < 0.1 and list(heard[-1].buttons) == buttons
+
+    rest = [0] * 5
+    point = """
+        const at = document.querySelector(arguments[0]).getBoundingClientRect();
+        const event = new PointerEvent(arguments[1], {bubbles: true, buttons: 1, pointerId: 1,
+            clientX: at.left + arguments[2] * at.width, clientY: at.top + 0.5 * at.height});
+        const target = document.querySelector(arguments[0]);
+        target.setPointerCapture = () => {};
+        target.dispatchEvent(event);
+    """
+    page.driver.execute_script(point, "#pad", "pointerdown", 0.0)
+    graph.until(lambda: newest(1.0, rest))
+    page.driver.execute_script(point, "#pad", "pointermove", 1.0)
+    graph.until(lambda: newest(-1.0, rest))
+    page.driver.execute_script(point, "#pad", "pointerup", 1.0)
+    graph.until(lambda: newest(0.0, rest))
+    page.driver.execute_script(point, ".action:nth-child(4)", "pointerdown", 0.5)
+    graph.until(lambda: newest(0.0, [0, 0, 0, 1, 0]))
+    page.driver.execute_script(point, ".action:nth-child(4)", "pointerup", 0.5)
+    page.click("takeover")  # latched, until it is pressed again
+    graph.until(lambda: newest(0.0, [0, 0, 0, 0, 1]))
+    page.click("takeover")
+    graph.until(lambda: newest(0.0, rest))
+    page.press("1")
+    graph.until(lambda: newest(0.0, [1, 0, 0, 0, 0]))
+    page.lift("1")
+    pad = """
+        const buttons = Array.from({length: 16}, (_, i) => ({pressed: i === arguments[1]}));
+        const pad = {axes: [arguments[0], 0], buttons};
+        navigator.getGamepads = () => [null, pad];
+    """
+    page.driver.execute_script(pad, 0.5, -1)
+    graph.until(lambda: newest(-0.5, rest))
+    page.driver.execute_script(pad, 0.05, 0)  # in its dead zone, with A for the last action
+    graph.until(lambda: newest(0.0, [0, 0, 0, 1, 0]))
+    page.driver.execute_script(pad, None, 5)  # an axis that is no number, and a shoulder
+    graph.until(lambda: newest(0.0, [0, 0, 0, 0, 1]))
+    assert page.complaints() == []
+    del kept
+
+
 @pytest.mark.parametrize("name", ["pendulum", "slung_load", "cart_pole"])
 def test_every_task_is_shown(ros, nodes, browser, name):
     """With a picture, or bars and lines where there is none."""

@@ -154,5 +154,6 @@ def _report(
         f"episodes shown on the graph {vehicle.description.success}; after the demonstrations "
         f"alone it was {summary['success_fraction_offline']:.0%} of the starts. "
         f"That took {summary['wall_seconds']:.0f} s.\n"
-        f"Look at [bold]{out / 'report.html'}[/bold]"
+        f"Look at [bold]{out / 'report.html'}[/bold]\n"
+        f"Fly it yourself, in the browser: make cockpit, or iolspi cockpit --task {name}"
     )

@@ -67,7 +67,8 @@ class CockpitNode(ManagedNode):
             from msg_bridge.cockpit.server import Server
         except ImportError as error:
             raise InputError(
-                f"the cockpit's page needs {error.name}; install it: pip install nicegui"
+                f"the cockpit's page needs {error.name}, which is not installed; allowed: make "
+                "cockpit, or pip install nicegui"
             ) from None
         return Server(self._session, make_app, s.host, s.port, token)
 
