@@ -27,7 +27,7 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""task, demonstration: whoever comes late still hears the last word."""
+"""task, demonstration, takeover, piloting: whoever comes late still hears the last word."""
 
 TASK = QoSProfile(
     depth=10,

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from iolspi_ros.bench.flying import Flying
+from iolspi_ros.core.learner import Source
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.envelope import Motion
@@ -107,6 +108,19 @@ def test_an_episode_says_which_action_was_in_force_longest():
     assert (seen.episode, seen.step, seen.action, seen.reward) == (4, 1, 2, 0.0)
     assert e.advance(10.2, np.zeros(4)).action == TASK.description.neutral  # nothing was held
     assert e.advance(10.3, np.zeros(4)).reward == 0.0
+
+
+def test_an_episode_says_who_chose_what_was_in_force():
+    """Nobody, where that was another action than the one answered."""
+    e = episode()
+    assert e.answer(0, 2, Source.HUMAN)
+    e.hold(2, 0.1)
+    seen = [e.advance(10.1, np.zeros(4))]
+    assert e.answer(1, 0, Source.EXPLORE)
+    e.hold(2, 0.06)  # the envelope's, or from before the answer
+    e.hold(0, 0.04)
+    seen.append(e.advance(10.2, np.zeros(4)))
+    assert [o.source for o in seen] == [Source.HUMAN, Source.HOLD]
 
 
 def test_only_answers_to_what_was_shown_count_and_never_backwards():

@@ -152,5 +152,7 @@ def test_each_episode_is_decided_once_whatever_is_pressed(presses):
         except InputError:
             assert not (verdicts if press == "undo" else open_ones)
     assert [(f.episode, kept) for f, kept in piloting.judged] == verdicts
+    assert piloting.kept == sum(kept for _, kept in verdicts)
+    assert piloting.discarded == len(verdicts) - piloting.kept
     assert [f.episode for f in piloting.undecided] == open_ones
     assert sorted(open_ones + [e for e, _ in verdicts]) == list(range(episode))

@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from trajectory_msgs.msg import JointTrajectory
 
+from iolspi_ros.core.learner import Source
 from iolspi_ros.errors import InputError
 from msg_bridge.ros.description import read_robot
 from msg_bridge.ros.drive import Drive, Phase
@@ -72,7 +73,7 @@ class Bench:
         self.drive.begin()
         self.drive.placed(self.now)
 
-    def step(self, action=None, x=None):
+    def step(self, action=None, x=None, source=Source.EXPLOIT):
         """One sampling time, the state answered at once; x is heard ever after."""
         self.x = self.x if x is None else x
         for _ in range(10):
@@ -82,7 +83,7 @@ class Bench:
         self.drive.tick(self.now)
         if action is not None and self.body.shown:
             seen = self.body.shown[-1]
-            self.drive.answer(seen.episode, seen.step, action)
+            self.drive.answer(seen.episode, seen.step, action, source)
         self.drive.check()
 
     @property
@@ -100,6 +101,17 @@ def test_states_follow_one_another_and_say_what_was_applied(tmp_path):
     assert [o.reward for o in bench.body.shown] == [0.0, -0.5, -1.0]
     assert bench.body.commands[-1] == 0
     assert len({o.stamp for o in bench.body.shown}) == 3
+
+
+def test_states_say_who_chose_what_was_applied(tmp_path):
+    """The neutral action of the robot's own is nobody's."""
+    bench = Bench(robot(tmp_path, allowed={"push": "x < 0.6"}))
+    for x, source in ((0.0, Source.EXPLORE), (0.5, Source.HUMAN), (1.0, Source.HUMAN)):
+        bench.step(0, x, source)
+    bench.step(0)
+    assert [(o.action, o.source) for o in bench.body.shown] == [
+        (-1, -1), (0, Source.EXPLORE), (0, Source.HUMAN), (1, Source.HOLD)
+    ]  # fmt: skip
 
 
 def test_the_clock_cuts_and_another_episode_begins_after_a_reset(tmp_path):

@@ -240,7 +240,7 @@ class Finder:
                 f"{count} states have no velocity; differences of their positions stand for it"
             )
         if left_out:
-            found.append(f"{left_out} episodes that were discarded are left out")
+            found.append(f"episodes that were not kept are left out: {left_out}")
         return found
 
     def topics(self) -> str:

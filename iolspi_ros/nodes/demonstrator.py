@@ -53,7 +53,10 @@ class DemonstratorSettings(Settings):
 
 
 class Demonstrator(ManagedNode):
-    """Publishes `sample` and `demonstration`; flying, takes `state`, `reward`, gives `action`."""
+    """Publishes `sample` and `demonstration`; flying, takes `state`, `reward`, gives `action`.
+
+    A person flies with `joy`; how that stands is on `piloting`, and `takeover` keeps others out.
+    """
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("demonstrator", arguments)

@@ -103,8 +103,8 @@ class HandFlight(Teleop):
     def _say(self) -> None:
         p = self.piloting
         self._topics.say(
-            p.phase, held=p.holds, episodes=(p.kept, p.discarded), countdown=p.countdown,
-            seen=self._loop.seen,
+            p.phase, held=p.holds and self._loop.running, episodes=(p.kept, p.discarded),
+            countdown=p.countdown, seen=self._loop.seen,
         )  # fmt: skip
 
     def pilot(self, observation: Observation) -> tuple[int, Source]:
@@ -115,18 +115,12 @@ class HandFlight(Teleop):
             self._flown = Flown(observation.episode)
             self._say()
         elif self._flown is not None and observation.episode != self._flown.episode:
-            self._lose()
+            self._land()  # the vehicle has left it without an end
         if self.piloting.phase is not Phase.FLYING:
             return self._node.task.neutral, Source.HOLD
         if self._flown is None:
             self._flown = Flown(observation.episode)
         return self._stick.action(), Source.HUMAN
-
-    def _lose(self) -> None:
-        """The vehicle has left an episode without an end."""
-        assert self._flown is not None
-        self._flown.marked = self._flown.marked or "it was broken off"
-        self._land()
 
     def write(self, episode: int, topic: str, kind: str, stamp: int, data: bytes) -> None:
         """Remember a message of the episode under way."""
@@ -170,6 +164,7 @@ class HandFlight(Teleop):
             return
         for topic, kind, stamp, data in flown.records:
             self._node.record(topic, kind, stamp, data)
+        flown.records.clear()
         self._rule(flown, kept=kept)
 
     def _rule(self, flown: Flown, *, kept: bool, before: bool = False) -> None:

@@ -69,7 +69,7 @@ class Piloting:
     undecided : list of Flown
         Episodes that wait for a verdict; the next is about the last of them.
     judged : list of (Flown, bool)
-        With verdicts, the latest at the end.
+        With a person's verdicts, the latest at the end.
     """
 
     def __init__(
@@ -80,18 +80,9 @@ class Piloting:
         self._clock = clock
         self.phase = Phase.NO_STICK
         self._until = 0.0
+        self.kept = self.discarded = 0
         self.undecided: list[Flown] = []
         self.judged: list[tuple[Flown, bool]] = []
-
-    @property
-    def kept(self) -> int:
-        """Episodes kept so far."""
-        return sum(kept for _, kept in self.judged)
-
-    @property
-    def discarded(self) -> int:
-        """Episodes not kept."""
-        return len(self.judged) - self.kept
 
     @property
     def review(self) -> bool:
@@ -151,12 +142,16 @@ class Piloting:
             self.phase = Phase.REVIEW
             return None
         kept = not flown.marked
-        self.judged.append((flown, kept))
+        self._count(kept, 1)
         if self.kept >= self._n_episodes:
             self.phase = Phase.ENDED
         elif self.phase is Phase.PAUSED:
             self._wait()
         return kept
+
+    def _count(self, kept: bool, change: int) -> None:
+        self.kept += change * kept
+        self.discarded += change * (not kept)
 
     # ------------------------------------------------------------ verdicts
 
@@ -173,6 +168,7 @@ class Piloting:
             raise InputError("no episode waits for a verdict; allowed: after one has been flown")
         flown = self.undecided.pop()
         self.judged.append((flown, kept))
+        self._count(kept, 1)
         if self.phase is Phase.REVIEW and not self.undecided:
             self._count_down()
         return flown
@@ -195,6 +191,7 @@ class Piloting:
         if not self.judged:
             raise InputError("there was no verdict yet; allowed: after ~/keep or ~/discard")
         flown, kept = self.judged.pop()
+        self._count(kept, -1)
         self.undecided.append(flown)
         if self.phase not in (Phase.FLYING, Phase.PAUSED):
             self.phase = Phase.REVIEW

@@ -35,12 +35,12 @@ class Reports:
         self._kept = self._all_interventions = 0
         self._pretraining = "none"
         self._key = (0, 0)
-        self._before = int(Source.HOLD)  # what was answered last
         self._begin()
 
     def _begin(self) -> None:
         self._score, self._discounted, self._explored = 0.0, 0.0, 0
         self._interventions, self._flown = 0, False  # whether a person chose the action before
+        self._before = int(Source.HOLD)  # what was answered last
 
     def answered(self, observation: Observation, source: Source) -> None:
         """Add a reward to the score of its episode; publish the score at the end."""
