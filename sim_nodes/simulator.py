@@ -227,6 +227,10 @@ class Simulator(ManagedNode):
         """What no answer brings about in lockstep: a neutral step, or the same again."""
         if self._moving and self._begun and self._without_pilot:
             self._advance(self.task.neutral, Source.HOLD)
+        self._repeat()
+
+    def _repeat(self) -> None:
+        """Publish again what is waited on, when its time has come."""
         late = time.monotonic() - self._published > 0.9 * self.settings.resend_after
         if self._begun and late:
             self._publish()
@@ -322,6 +326,7 @@ class Simulator(ManagedNode):
             return
         waits = self._observation.step == 0 and self._answered < 0
         if waits and self._topics.takeover.held:
+            self._repeat()  # the answer may have come just before it was held anew
             return
         if self._without_pilot:
             self._action, self._source = self.task.neutral, Source.HOLD

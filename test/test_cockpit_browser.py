@@ -129,7 +129,9 @@ class Hands:
 
 def fly(graph, hands, law):
     """Fly until the episode waits for a verdict; its number."""
+    end = time.monotonic() + 60.0
     while graph.phase != Phase.REVIEW:
+        assert time.monotonic() < end, graph.now
         graph.executor.spin_once(timeout_sec=0.01)
         hands.do(law.decide(graph.now.state, 0.0))
     hands.do(None)

@@ -12,7 +12,9 @@ from iolspi_ros import wire
 
 ROOT = Path(__file__).parent.parent
 LAYOUTS = ROOT / "config" / "layouts"
-TOPICS = re.findall(r"^\| `(/?\w+)` \| [^|]+ \| [^|]+ → ", (ROOT / "docs/interfaces.md").read_text(), re.M)
+TOPICS = re.findall(
+    r"^\| `(/?\w+)` \| [^|]+ \| [^|]+ → ", (ROOT / "docs/interfaces.md").read_text(), re.M
+)
 ROWS = {"reward": wire.REWARD, "score": wire.SCORE}
 
 

@@ -231,6 +231,32 @@ def test_a_demonstrator_killed_while_holding_gives_the_vehicle_back(nodes, perso
     assert {o.action for o in gap[:until]} <= {TASK.neutral}
 
 
+def test_a_vehicle_that_waits_for_its_pilot_says_so_again(nodes, ros):
+    """Also when the pilot has answered once, and the vehicle was given back and taken since."""
+    pilot = Peer(ros)
+    pilot.listen("reward", Float64MultiArray, qos.RECORDING)
+    holding = pilot.publisher("takeover", Float64MultiArray, qos.LATCHED)
+    acting = pilot.publisher("action", Float64MultiArray, qos.OUTGOING)
+    rows, rewards = wire.Rows("takeover", wire.TAKEOVER), wire.RewardRows()
+    say = lambda: holding.publish(rows.message(0, 0, 0, 0, 1))  # noqa: E731
+    pilot.node.create_timer(0.05, say)
+    nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=1.0")
+
+    def seen():
+        return [tuple(rewards.read(message)[:2]) for message in pilot.heard["reward"]]
+
+    def waits():
+        """For an episode that began while it was held."""
+        keys = seen()
+        return keys and keys[-1][1] == 0 and keys.count(keys[-1]) > 3
+
+    pilot.until(waits)
+    episode = seen()[-1][0]
+    answer = wire.Rows("action", wire.ACTION)
+    acting.publish(answer.message(episode, 0, 0, 0, 2, Source.HUMAN))
+    pilot.until(lambda: (episode, 1) in seen())
+
+
 def test_a_silent_stick_takes_nothing_and_a_latched_one_is_let_go(nodes, person):
     nodes.start("simulator")
     stand_by(nodes, "-p", "takeover_latched:=true", "-p", "joy_timeout:=2.0")
