@@ -72,6 +72,8 @@ def test_what_the_device_does_not_have_is_named_and_it_does_not_act():
     stick.take([1.0], [0] * 8)  # the right one is plugged in
     assert not stick.fault
     assert not stick.silent
+    stick.take([1.0], [0, 1])  # and another one in its place
+    assert stick.silent
     buttons, _ = made(joy_axis=-1, joy_buttons=(0, 2))  # without any axis
     buttons.take([], [0, 1])
     assert buttons.action() == 2

@@ -119,6 +119,18 @@ def test_verdicts_and_taking_them_back():
             refused()
 
 
+def test_a_verdict_taken_back_in_flight_waits_for_the_landing():
+    scene = Scene(review=True, countdown=0.0)
+    scene.take_off()
+    scene.piloting.landed(flown(0))
+    scene.piloting.judge(True)
+    scene.piloting.begin()
+    scene.piloting.undo()
+    assert scene.piloting.phase is Phase.FLYING
+    scene.piloting.landed(flown(1))
+    assert [scene.piloting.judge(True).episode for _ in range(2)] == [1, 0]
+
+
 def test_verdicts_without_review_or_episode_are_refused():
     piloting = Scene().piloting
     with pytest.raises(InputError, match="review is false; allowed: review:=true"):
