@@ -1,11 +1,15 @@
-PYTEST = .venv/bin/python -m pytest -n auto --maxprocesses 8 --dist worksteal
+PYTEST = .venv/bin/python -m pytest -rs -n auto --maxprocesses 8 --dist worksteal
 PROPERTIES = $(shell grep -l '^from hypothesis import' test/test_*.py)
 
-.PHONY: demo test test-all properties mutants bench clean
+.PHONY: demo cockpit test test-all properties mutants bench clean
 
-demo: ## learn to swing up a pendulum from demonstrations, on a real ROS 2 graph
+demo: ## learn to swing up a pendulum, on a real ROS 2 graph
 	@scripts/venv.sh run
 	@.venv/bin/iolspi demo
+
+cockpit: ## fly the pendulum yourself, in the browser
+	@scripts/venv.sh cockpit
+	@.venv/bin/iolspi cockpit
 
 test: ## lint, types, and all tests that are quick
 	@scripts/venv.sh test

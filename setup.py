@@ -24,6 +24,7 @@ setup(
     name=PACKAGE,
     version=VERSION,
     packages=find_packages(include=["iolspi_ros*", "sim_nodes*", "msg_bridge*"]),
+    package_data={"msg_bridge.cockpit": ["static/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -38,6 +39,7 @@ setup(
         "bench": ["mushroom-rl==1.10.2"],
         "gymnasium": ["gymnasium[box2d]>=1.0"],
         "minari": ["minari[hdf5]>=0.5.3"],
+        "cockpit": ["nicegui>=3"],
     },
     zip_safe=True,
     description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",
@@ -50,6 +52,7 @@ setup(
             "learner = iolspi_ros.nodes.start:learner",
             "bridge = iolspi_ros.nodes.start:bridge",
             "vehicle = iolspi_ros.nodes.start:vehicle",
+            "cockpit = iolspi_ros.nodes.start:cockpit",
             "graph = iolspi_ros.nodes.start:graph",
         ],
         "iolspi_ros.tasks": [

@@ -35,3 +35,6 @@ TASK = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Who listens to task: every vehicle in the graph is heard, should there be more than one."""
+
+WATCHING = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Who shows state and reward to people: nobody waits for eyes, and nothing is sent again."""

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Make .venv if it is not there, and install what a requirements file pins.
-# usage: scripts/venv.sh run|test
+# usage: scripts/venv.sh run|cockpit|test
 set -eu
 cd "$(dirname "$0")/.."
 what=${1:-run}
@@ -48,7 +48,7 @@ if ! { [ -x .venv/bin/python ] && usable .venv/bin/python; }; then
 fi
 
 mark=.venv/.installed
-for done in "$what" test; do
+for done in "$what" $([ "$what" = run ] && echo cockpit) test; do
     # setup.py names the parts that others find by name, so a new one is installed anew.
     if [ -f "$mark.$done" ] && cat "requirements/$done.txt" setup.py | cmp -s - "$mark.$done"; then
         exit 0

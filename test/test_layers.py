@@ -34,6 +34,7 @@ ROOMS = {
     "bridge": ("msg_bridge.mavlink",),
     "robot": ("msg_bridge.ros",),
     "environment": ("msg_bridge.gym",),
+    "cockpit": ("msg_bridge.cockpit",),
     "graph": ("iolspi_ros.graph",),
     "experiments": ("iolspi_ros.experiments",),
     "report": ("iolspi_ros.report",),
@@ -55,13 +56,14 @@ BELOW = {
     "nodes": {"ground", "task", "core", "files", "tasks", "wire", "ros", "simulator"},
     "bridge": {"ground", "task", "core", "files", "tasks", "wire", "ros", "frames"},
     "robot": {"ground", "task", "core", "files", "wire", "ros"},
+    "cockpit": {"ground", "task", "core", "files", "wire", "ros"},
     "environment": {"ground", "task", "core", "files", "wire", "ros", "graph"},
     "graph": {"ground", "files", "nodes"},
     "experiments": {"ground", "task", "core", "files", "tasks", "wire"},
     "report": {"ground", "task", "core", "files", "tasks", "wire", "experiments"},
 }
 BELOW["bench"] = {"bench", *BELOW["report"], "report", "ros", "frames", "autopilot", "bridge",
-                  "simulator", "nodes", "graph", "robot"}  # fmt: skip
+                  "simulator", "nodes", "graph", "robot", "cockpit"}  # fmt: skip
 BELOW["cli"] = {*BELOW["bench"], "bench"}
 
 EXCEPTIONS = {

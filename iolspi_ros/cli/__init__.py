@@ -14,6 +14,7 @@ def main() -> int:
     prepare()
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
+        cockpit,
         demo,
         demos,
         doctor,
@@ -27,6 +28,7 @@ def main() -> int:
         sitl,
         soak,
         up,
+        watch,
     )
     from iolspi_ros.cli.app import app
 

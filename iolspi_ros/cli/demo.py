@@ -10,6 +10,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from iolspi_ros.cli.app import app
+from iolspi_ros.cli.cockpit import start_cockpit
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import Follower
 from iolspi_ros.cli.progress import baseline, console
@@ -29,6 +30,7 @@ def demo(
     out: Annotated[
         Path, typer.Option(help="A new folder for all that is left; out/demo gets numbered ones.")
     ] = Path("out/demo"),
+    watch: Annotated[bool, typer.Option("--watch", help="Show it live in the browser.")] = False,
 ) -> None:
     """Learn a task on a real ROS 2 graph, and report how it went.
 
@@ -60,6 +62,8 @@ def demo(
         watching(vehicle.description, recording) as monitor,
         graph.Graph(out) as nodes,
     ):
+        if watch:
+            console.print(f"Watch it at [bold]{start_cockpit(nodes, out)}[/bold]")
         keep = str(out.resolve() / "checkpoint.npz")
         nodes.start("simulator", {"seed": seed, "episodes": count}, config)
         nodes.start("learner", {"seed": seed, "checkpoint": keep}, config)
@@ -151,5 +155,6 @@ def _report(
         f"episodes shown on the graph {vehicle.description.success}; after the demonstrations "
         f"alone it was {summary['success_fraction_offline']:.0%} of the starts. "
         f"That took {summary['wall_seconds']:.0f} s.\n"
-        f"Look at [bold]{out / 'report.html'}[/bold]"
+        f"Look at [bold]{out / 'report.html'}[/bold]\n"
+        f"Fly it yourself, in the browser: make cockpit, or iolspi cockpit --task {name}"
     )

@@ -163,6 +163,7 @@ def plot(
 ) -> None:  # fmt: skip
     """Draw where the samples are (T figs. 6-9), as PNG."""
     from iolspi_ros.report import plots
+    from iolspi_ros.task.maps import map_limits
 
     found = _read(bag, task, vehicle, run, topics)
     if found.task.n_dims < 2:
@@ -170,7 +171,7 @@ def plot(
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a file that is not there yet")
     states = found.transitions().state
-    limits = plots.map_limits(found.task, states)
+    limits = map_limits(found.task, states)
     plots.visit_maps(found.task, states, states[:0], limits).savefig(out, dpi=150)
     console.print(f"{out}: where {len(states)} samples are")
 

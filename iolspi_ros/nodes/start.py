@@ -18,6 +18,7 @@ NODES = {
     "learner": "iolspi_ros.nodes.learner",
     "bridge": "msg_bridge.mavlink.node",
     "vehicle": "msg_bridge.ros.node",
+    "cockpit": "msg_bridge.cockpit.node",
     "graph": "iolspi_ros.nodes.composition",
 }
 
@@ -77,6 +78,11 @@ def bridge() -> int:
 def vehicle() -> int:
     """Run a robot's own topics as a vehicle."""
     return start("vehicle")
+
+
+def cockpit() -> int:
+    """Run the cockpit."""
+    return start("cockpit")
 
 
 def graph() -> int:

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from iolspi_ros.experiments.evaluate import Policy, endings
 from iolspi_ros.experiments.history import EpisodeRecord
 from iolspi_ros.task import TaskDescription
+from iolspi_ros.task.maps import Limits, map_states
 from sim_nodes import pictures
 from sim_nodes.tasks import shapes
 from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
-Limits = tuple[tuple[float, float], tuple[float, float]]
 
 INK, ACCENT, REFERENCE, FAINT = "#1f2933", "#0b7285", "#c92a2a", "#adb5bd"
 _ENDING_COLOURS = ("#adb5bd", "#0b7285", "#e8590c", "#c92a2a", "#862e9c")
@@ -161,8 +161,7 @@ def policy_maps(
         Each way.
     """
     x, y = (np.linspace(*limit, points) for limit in limits)
-    states = np.zeros((points * points, task.n_dims))
-    states[:, task.map_dims] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    states = map_states(task, limits, points)
     figure = Figure(figsize=(8.0, 3.8), layout="constrained")
     colours = ListedColormap(_colours(_ACTION_COLOURS, task.n_actions))
     edges = BoundaryNorm(np.arange(task.n_actions + 1) - 0.5, task.n_actions)
@@ -180,18 +179,6 @@ def policy_maps(
 def _map_axes(task: TaskDescription, leftmost: bool) -> tuple[str, str]:
     x, y = (task.variables[d].axis for d in task.map_dims)
     return x, y if leftmost else ""
-
-
-def map_limits(task: TaskDescription, states: Array) -> Limits:
-    """Limits of the task's maps; where a variable has none, those of some states."""
-    found = []
-    for d in task.map_dims:
-        low, high = task.low[d], task.high[d]
-        seen = states[:, d] if len(states) else np.zeros(1)
-        low = low if np.isfinite(low) else float(seen.min())
-        high = high if np.isfinite(high) else float(seen.max())
-        found.append((low, high) if low < high else (low - 1.0, low + 1.0))
-    return found[0], found[1]
 
 
 def visit_maps(

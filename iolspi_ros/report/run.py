@@ -22,6 +22,7 @@ from iolspi_ros.experiments.history import EpisodeRecord, History
 from iolspi_ros.report import page, plots
 from iolspi_ros.report.page import Part
 from iolspi_ros.task import TaskDescription
+from iolspi_ros.task.maps import map_limits
 from sim_nodes import pictures
 from sim_nodes.tasks.base import Task
 
@@ -299,7 +300,7 @@ def _maps(subject: Subject) -> list[Part]:
     flown = [state for episode in history.episodes for state in episode.states]
     online = np.array(flown).reshape(-1, task.n_dims)
     demonstrated = history.demonstrations.state
-    limits = plots.map_limits(task, np.concatenate([online, demonstrated]))
+    limits = map_limits(task, np.concatenate([online, demonstrated]))
     policies: list[tuple[str, Any]] = [
         ("Learned policy", greedy_policy(subject.learner, history.policies[-1].weights))
     ]

@@ -1,0 +1,1 @@
+"""The cockpit: a page in the browser that shows a graph, and a stick to fly it with."""

@@ -1,0 +1,105 @@
+"""The page: where what stands. What moves on it is drawn by static/cockpit.js."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI, WebSocket
+from fastapi.staticfiles import StaticFiles
+from nicegui import ui
+
+from msg_bridge.cockpit.session import Session
+from msg_bridge.cockpit.words import FASTEST, SLOWEST
+
+STATIC = Path(__file__).parent / "static"
+VERDICTS = (
+    ("keep", "Keep", "check", "K"),
+    ("discard", "Discard", "close", "D"),
+    ("undo", "Undo", "undo", "U"),
+    ("finish", "Finish", "school", "F"),
+)
+"""Services of the demonstrator: name, what the button says, its picture, its key."""
+
+
+def make_app(session: Session) -> FastAPI:
+    """What a server serves: the page, its files and its socket."""
+    app = FastAPI(openapi_url=None)
+    app.mount("/cockpit", StaticFiles(directory=STATIC))
+
+    @app.websocket("/socket")
+    async def socket(browser: WebSocket) -> None:
+        await session.serve(browser)
+
+    ui.run_with(
+        app, root=show, title="Cockpit", favicon="🕹️", show_welcome_message=False, tailwind=False,
+        reconnect_timeout=10.0,
+    )  # fmt: skip
+    return app
+
+
+def show() -> None:
+    """Lay the page out."""
+    ui.colors(primary="#0b7285", secondary="#8a4b00")
+    ui.add_head_html('<link rel="stylesheet" href="/cockpit/cockpit.css">')
+    ui.add_body_html('<script src="/cockpit/cockpit.js" defer></script>')
+    with _part("header", "top"):
+        _part("h1", "task").props('aria-live="polite"')
+        _part("span", "who")
+        _part("span", "link").props('role="status"')
+        _part("span", "crowd")
+        _button("Take the stick", "sports_esports", "cockpit.toggleStick()", "stick-button")
+    with _part("main", "page"):
+        with _part("section", "stage", "card"):
+            _part("canvas", "vehicle").props('role="img"')
+            _part("div", "piloting").props('aria-live="polite"')
+            _part("div", "actions", "flying")
+            with _part("div", "hands", "flying"):
+                _part("canvas", "pad").props('role="img" aria-label="stick"')
+                with _part("div", "beside-pad"):
+                    _button(
+                        "Take over", "front_hand", "cockpit.toggleTakeover()", "takeover",
+                        "secondary",
+                    )  # fmt: skip
+                    with _part("div", "verdicts"):
+                        for service, words, icon, key in VERDICTS:
+                            _button(
+                                f"{words} ({key})", icon, f'cockpit.call("{service}")',
+                                f"verdict-{service}", "grey-3",
+                            )  # fmt: skip
+                    with _part("label", "pace"):
+                        ui.label("Speed")
+                        limits = f"min={SLOWEST} max={FASTEST} step=0.1 value={FASTEST}"
+                        _part("input", "speed").props(f"type=range {limits}")
+                        _part("span", "factor")
+            _part("div", "help")
+        with _part("div", "side"):
+            _part("section", "numbers", "card")
+            with _card("Score of each episode", "score-title"):
+                _part("canvas", "scores").props('role="img"')
+                _part("div", "scores-key", "key")
+            with _part("section", "maps", "card"):
+                for name in ("policy", "visits"):
+                    with _part("figure", f"{name}-figure"):
+                        _part("figcaption", f"{name}-title")
+                        _part("canvas", name).props('role="img"')
+                _part("div", "policy-key", "key")
+            with _card("Nodes", "health-title"):
+                _part("ul", "health")
+    _part("div", "said").props('role="status" aria-live="polite"')
+
+
+def _part(tag: str, name: str, classes: str = "") -> ui.element:
+    """An element that the script finds by its name."""
+    return ui.element(tag).props(f"id={name}").classes(classes)
+
+
+def _card(title: str, name: str) -> ui.element:
+    card = ui.element("section").classes("card")
+    with card, _part("h2", name):
+        ui.html(title, tag="span", sanitize=False)
+    return card
+
+
+def _button(words: str, icon: str, does: str, name: str, colour: str = "primary") -> None:
+    button = ui.button(words, icon=icon, color=colour).props(f"id={name} no-caps unelevated")
+    button.on("click", js_handler=f"(event) => {{ event.currentTarget.blur(); {does} }}")
