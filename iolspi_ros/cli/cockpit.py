@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from iolspi_ros.cli.app import app
-from iolspi_ros.cli.following import fresh
 from iolspi_ros.cli.progress import console
 from iolspi_ros.errors import InputError, check_range
+from iolspi_ros.folders import new_folder
 
 if TYPE_CHECKING:
     from iolspi_ros.graph import Graph
@@ -54,7 +54,7 @@ def cockpit(
     check_range("--speed", speed, 0.1, 1.0)
     n_actions = task_class(task)().description.n_actions
     domain = graph.isolate()
-    out, file = fresh(out), resources.config(task)
+    out, file = new_folder(out), resources.config(task)
     bag, checkpoint = out.resolve() / "demonstration", out.resolve() / "checkpoint.npz"
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
