@@ -43,8 +43,9 @@ class Table(NamedTuple):
         After which a variable repeats; 0 for never.
     kept : ndarray of int, shape (n_kept, n_dims)
         Index per variable of each function that was kept, -1 for a factor 1; no rows when all are.
-    points : ndarray of shape (n_functions, n_dims)
-        Centres of Gaussians that are no grid; no rows for a grid.
+    points : ndarray of shape (n_functions, sum of counts)
+        Centres of Gaussians that are no grid, in coordinates whose distances count, `counts` of
+        them for each variable; no rows for a grid.
     """
 
     polynomial: bool
@@ -173,13 +174,21 @@ class Basis(ABC):
         next_phi[t.terminated] = 0.0
         return phi, next_phi
 
-    def factors(self, states: Array) -> list[Array]:
-        """The functions of each variable apart, of which φ is the product.
+    def inner(self, one: Array, other: Array) -> Array:
+        """φ(s)ᵀφ(s') of some states and others, shape (n_states, n_others).
 
-        Returns
-        -------
-        list of ndarray, each of shape (n_samples, c_d)
+        Where φ is the product of functions of each variable, so is this, entry by entry.
         """
+        if len(self.table.kept) or len(self.table.points):
+            product: Array = self(one) @ self(other).T
+            return product
+        product = np.ones((len(one), len(other)))
+        for here, there in zip(self._factors(one), self._factors(other), strict=True):
+            product *= here @ there.T
+        return product
+
+    def _factors(self, states: Array) -> list[Array]:
+        """The functions of each variable apart, each of shape (n_states, c_d)."""
         parts = np.empty((len(states), int(self.table.counts.sum())))
         _factors_all(self.table, np.ascontiguousarray(states), parts)
         return np.split(parts, np.cumsum(self.table.counts)[:-1], axis=1)
@@ -357,14 +366,21 @@ def _factors(table: Table, state: Array, out: Array) -> None:
 def evaluate(table: Table, state: Array, factors: Array, phi: Array) -> None:
     """φ of one state, compiled: `factors` and `phi` are overwritten."""
     if len(table.points):
+        place = 0
+        for d in range(len(state)):
+            gain, period = table.gains[d], table.periods[d]
+            if period > 0.0:  # a place on a circle
+                angle, radius = 2.0 * math.pi * state[d] / period, gain * period / (2.0 * math.pi)
+                factors[place] = radius * math.cos(angle)
+                factors[place + 1] = radius * math.sin(angle)
+                place += 2
+            else:
+                factors[place] = gain * state[d]
+                place += 1
         for k in range(len(table.points)):
             total = 0.0
-            for d in range(len(state)):
-                apart, period = state[d] - table.points[k, d], table.periods[d]
-                if period > 0.0:
-                    apart = math.sin(math.pi * apart / period) * period / math.pi
-                apart *= table.gains[d]
-                total += apart * apart
+            for d in range(place):
+                total += (factors[d] - table.points[k, d]) ** 2
             phi[k] = math.exp(-0.5 * total)
         return
     _factors(table, state, factors)

@@ -187,7 +187,7 @@ class LSPISettings(Settings):
         features = self.features()
         counts = tuple(CELLS_PER_CENTER * count for count in self.centers)
         cells: Partition = (
-            Crowds(features)
+            Crowds(features.points, features.scales, features.periods)
             if isinstance(features, Kernels)
             else Cells(self.low, self.high, counts)
         )

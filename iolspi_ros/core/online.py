@@ -330,8 +330,7 @@ class OnlineLSPI:
             seen = kept.transitions + batch
             believed, basis, cells = ~doubts(seen, *limits).rows, features, kept.cells
             if isinstance(features, Kernels):
-                basis = features.around(seen.state[believed], s.kernels)
-                cells = Crowds(basis)
+                basis, cells = features.around(seen.state[believed], s.kernels)
             buffer = replace(kept, cells=cells).add(batch, step, demonstrated)
             new = batch[believed[len(kept) :]]
             grown = shield.learn(new, 1.0 if demonstrated else s.forget_factor)
@@ -380,7 +379,7 @@ class OnlineLSPI:
         features, cells = self.features, self.buffer.cells
         if isinstance(features, Kernels):
             features = state.kernels.kernels(self.task.n_dims)
-            cells = Crowds(features)
+            cells = Crowds(features.points, features.scales, features.periods)
         check(state, self.state(), self.task, features.size)
         try:
             self.rng.bit_generator.state = state.rng

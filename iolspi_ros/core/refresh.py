@@ -147,7 +147,7 @@ def refresh(
         rows, weight = rows[~doubt.rows], weight[~doubt.rows]
         among = None if among is None else among[~doubt.rows]
     # Whichever is smaller: one unknown for each function and action, or one for each sample.
-    many = 0 < len(rows) < task.n_actions * basis.size and not len(basis.table.kept)
+    many = 0 < len(rows) < task.n_actions * basis.size
     kind = DualSystem if many else ReducedSystem
     system = kind(rows, basis, task.n_actions, task.gamma, weight, DELTAS[0], among=among)
     first = None
