@@ -23,15 +23,15 @@ def test_power_laws_are_found():
 
 
 def test_figures_are_taken_at_the_deadline_and_after_it():
-    """Two seeds, cost 1.2, 1.1, 1.0 and 1.2, 1.1, 1.02 at 0, 20 and 40 s."""
+    """Two seeds, cost 1.2, 1.1, 1.0 and 1.2, 1.1, 1.02 at 0, 10 and 20 s."""
     ratio = np.array([[1.2, 1.1, 1.0], [1.2, 1.1, 1.02]])
     upright = np.array([[0.0, 0.5, 1.0], [0.0, 0.7, 1.0]])
-    curves = learner.Curves(np.array([0.0, 20.0, 40.0]), ratio, upright, upright)
+    curves = learner.Curves(np.array([0.0, 10.0, 20.0]), ratio, upright, upright)
     found = {row.name: row for row in learner._figures(curves, "set 5", "refreshed")}
-    assert found["set 5, refreshed: cost at 20 s, mean"].value == pytest.approx(1.1)
+    assert found["set 5, refreshed: cost at 10 s, mean"].value == pytest.approx(1.1)
     assert found["set 5, refreshed: cost, worst later update of all seeds"].value == 1.1
-    assert not found["set 5, refreshed: cost at 20 s, upper 95 %"].holds
-    assert found["set 5, refreshed: last 0.5 s upright at 20 s, mean"].value == pytest.approx(0.6)
+    assert not found["set 5, refreshed: cost at 10 s, mean"].holds
+    assert found["set 5, refreshed: last 0.5 s upright at 10 s, mean"].value == pytest.approx(0.6)
 
 
 def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():

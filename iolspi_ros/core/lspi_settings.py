@@ -85,7 +85,7 @@ class LSPISettings(Settings):
         True, "refreshed: demonstrated samples have places of their own in the buffer"
     )
     refresh_iterations: int = setting(
-        10, "refreshed: an update gives a delta up after so many policies", low=1
+        20, "refreshed: an update gives a delta up after so many policies", low=1
     )
     refresh_budget: float = setting(
         0.0, "refreshed: an update starts no policy after so long [s]; 0.0 for no limit", low=0.0
