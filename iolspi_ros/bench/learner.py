@@ -57,7 +57,9 @@ def settings() -> Mapping[tuple[str, str], PendulumRun]:
     found = {}
     for name, learner in ALGORITHMS.items():
         for source in SOURCES:
-            found[source, name] = _every_update(PendulumRun(learner, samples=source, seconds=HORIZON))
+            found[source, name] = _every_update(
+                PendulumRun(learner, samples=source, seconds=HORIZON)
+            )
         careful = replace(learner, epsilon=0.05, forget_factor=FORGETTING)
         jump = replace(HANGING, g_after=19.81, g_change_start=300.0)  # T IV-A-4
         found[JUMP, name] = _every_update(

@@ -29,6 +29,8 @@ LOYALTY = 1.3
 """A centre in use goes only for a state that is so many times farther from all others."""
 MOST_CENTERS = 14
 """Functions for each variable, multiplied: narrower ones than that need more samples than help."""
+LEAST_SAMPLES = 4
+"""For each function: from a few samples, few and wide ones are learned."""
 FINER = 4
 """Crowds for each function: half as wide in a plane."""
 
@@ -104,7 +106,7 @@ class Kernels(Basis):
         own = self.points if np.isfinite(self.scales).any() else self.points[:0]
         among = np.concatenate([own, states])
         loyalty = np.where(np.arange(len(among)) < len(own), LOYALTY**2, 1.0)
-        size = min(size, MOST_CENTERS ** len(scales), len(among))
+        size = min(size, MOST_CENTERS ** len(scales), 1 + len(states) // LEAST_SAMPLES)
         places = _flat(among, 1.0 / scales, self.periods)
         chosen = _farthest(places, loyalty, min(FINER * size, len(among)))
         first = places[chosen[:size]]

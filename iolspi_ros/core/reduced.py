@@ -120,4 +120,6 @@ class ReducedSystem:
             self.next_own[b][new] = self.next_phi[new] @ self.directions[b]
             self._known[b, new] = True
             left = self.own[a][self.place[chosen]]
-            self._cross[self._spans[a], self._spans[b]] += sign * (left.T @ self.next_own[b][chosen])
+            self._cross[self._spans[a], self._spans[b]] += sign * (
+                left.T @ self.next_own[b][chosen]
+            )
