@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Basis
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.lspi import Actions
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.solve import Solve, solve_system

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from iolspi_ros.core.features import Basis, Table
+from iolspi_ros.core.basis import Basis, Table
 from iolspi_ros.errors import InputError
 
 Array = NDArray[np.float64]

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.buffer import Buffer, Cells, Partition
-from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
+from iolspi_ros.core.features import BASES, NORMALISATIONS, ChebyshevGrid, RBFGrid
 from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.moments import SCALINGS
 from iolspi_ros.core.shield import Shield

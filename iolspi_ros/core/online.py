@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.choice import Choice, choose, epsilon_at, greedy_action, guarded
-from iolspi_ros.core.features import Basis
 from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.learner import Kernel, Proceed, Source, always
 from iolspi_ros.core.lspi import greedy, offline_lspi
