@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from iolspi_ros.core.buffer import Buffer
-from iolspi_ros.core.kernels import Crowds, Kernels
+from iolspi_ros.core.dual import DualSystem
+from iolspi_ros.core.kernels import MOST_CENTERS, Kernels
+from iolspi_ros.core.lspi import BlockSystem
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
@@ -26,7 +28,7 @@ AUTO = LSPISettings(basis="auto", kernels=200, update_interval=250)
 
 def test_the_functions_are_gaussians_of_chords_and_distances():
     """Written with the cosine and sine of the angle, which a turn does not change."""
-    basis = Kernels.unseen(PERIODS).around(STATES, 40)
+    basis = Kernels.unseen(PERIODS).around(STATES, 40)[0]
     gain = 1.0 / (basis.scales * basis.width)
     for state in STATES[:20]:
         expected = []
@@ -49,16 +51,16 @@ def test_they_do_not_depend_on_units(n_dims, size, seed):
     rng = np.random.default_rng(seed)
     states, units = rng.standard_normal((300, n_dims)), 2.0 ** rng.integers(-20, 20, n_dims)
     none = np.zeros(n_dims)
-    one = Kernels.unseen(none).around(states, size)
-    other = Kernels.unseen(none).around(states * units, size)
-    assert one.size == size
+    one = Kernels.unseen(none).around(states, size)[0]
+    other = Kernels.unseen(none).around(states * units, size)[0]
+    assert one.size == min(size, MOST_CENTERS**n_dims, 76)
     np.testing.assert_allclose(other.points, one.points * units)
     np.testing.assert_allclose(other(states * units), one(states), rtol=1e-9, atol=1e-12)
 
 
 def test_centres_are_states_spread_over_all_that_was_seen():
     crowded = np.concatenate([STATES[:300], 0.01 * STATES])
-    basis = Kernels.unseen(PERIODS).around(crowded, 60)
+    basis = Kernels.unseen(PERIODS).around(crowded, 60)[0]
     seen = {tuple(row) for row in crowded}
     assert all(tuple(point) in seen for point in basis.points)
     assert len(np.unique(basis.points, axis=0)) == 60
@@ -66,22 +68,22 @@ def test_centres_are_states_spread_over_all_that_was_seen():
 
 
 def test_nothing_new_changes_nothing():
-    basis = Kernels.unseen(PERIODS).around(STATES, 100)
-    again = basis.around(STATES, 100)
+    basis = Kernels.unseen(PERIODS).around(STATES, 100)[0]
+    again = basis.around(STATES, 100)[0]
     np.testing.assert_array_equal(again.points, basis.points)
     assert again.width == basis.width
 
 
 def test_more_of_the_same_leaves_most_centres():
     more = np.random.default_rng(1).uniform((-np.pi, -50.0), (np.pi, 50.0), (500, 2))
-    basis = Kernels.unseen(PERIODS).around(STATES, 100)
-    grown = basis.around(np.concatenate([STATES, more]), 100)
+    basis = Kernels.unseen(PERIODS).around(STATES, 100)[0]
+    grown = basis.around(np.concatenate([STATES, more]), 100)[0]
     stayed = {tuple(p) for p in basis.points} & {tuple(p) for p in grown.points}
     assert len(stayed) > 80
 
 
 def test_a_policy_and_its_functions_travel_as_one_array():
-    basis = Kernels.unseen(PERIODS).around(STATES, 50)
+    basis = Kernels.unseen(PERIODS).around(STATES, 50)[0]
     weights = np.random.default_rng(1).standard_normal((3, 50))
     rows = basis.packed(weights)
     assert rows.shape == (3 + 2 + 1, 50)
@@ -100,8 +102,8 @@ def test_a_buffer_stays_spread_in_ten_dimensions():
     """A thousand states of everywhere are not pushed out by ten thousand in one place."""
     rng = np.random.default_rng(0)
     wide, near = rng.standard_normal((1000, 10)), 0.01 * rng.standard_normal((10_000, 10))
-    basis = Kernels.unseen(np.zeros(10)).around(np.concatenate([wide, near]), 300)
-    buffer = Buffer.empty(Crowds(basis), 8, 2000, keep_demonstrations=False)
+    _, crowds = Kernels.unseen(np.zeros(10)).around(np.concatenate([wide, near]), 200)
+    buffer = Buffer.empty(crowds, 8, 2000, keep_demonstrations=False)
     for states in (wide, near):
         zeros = np.zeros(len(states), int)
         none = zeros.astype(bool)
@@ -121,14 +123,35 @@ def test_the_pendulum_is_learned_without_a_grid():
     best = evaluate(TASK, near_optimal_policy(TASK)).discounted_return
     found = evaluate(TASK, policy_of(core.weights, core.features)).discounted_return
     assert found / best < 1.01
-    assert core.features.size <= 200
+    assert core.features.size == MOST_CENTERS**2
+
+
+def test_fewer_samples_than_functions_are_learned_from_too():
+    """One unknown for each sample, in place of one for each function and action: the same."""
+    rows = samples("set 5", TASK, 0)[::60]
+    basis = Kernels.unseen(PERIODS).around(STATES, 100)[0]
+    weight = np.random.default_rng(3).uniform(0.1, 1.0, len(rows))
+    block = BlockSystem(rows, basis, 3, 0.9, weight, 0.05)
+    dual = DualSystem(rows, basis, 3, 0.9, weight, 0.05)
+    assert len(rows) < 300
+    policy = block.policy(np.random.default_rng(4).standard_normal((3, 100)))
+    one, other = dual.evaluate(policy), block.evaluate(policy)
+    assert one.healthy
+    np.testing.assert_allclose(one.weights, other.weights, rtol=1e-7, atol=1e-7)
+    core = OnlineLSPI(TASK.description, AUTO, np.random.default_rng(0))
+    assert core.pretrain(rows).healthy
+
+
+def test_few_samples_make_few_functions():
+    assert Kernels.unseen(PERIODS).around(STATES[:80], 500)[0].size == 21
+    assert Kernels.unseen(PERIODS).around(STATES[:1], 500)[0].size == 1
 
 
 def test_acting_is_quick():
     core = OnlineLSPI(
         TASK.description, replace(AUTO, kernels=500, epsilon=0.0), np.random.default_rng(0)
     )
-    core.features = Kernels.unseen(PERIODS).around(STATES, 500)
+    core.features = Kernels.unseen(PERIODS).around(STATES, 500)[0]
     core.weights = np.random.default_rng(1).standard_normal((3, 500))
     core.act(STATES[0])
     took = []

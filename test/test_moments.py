@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from iolspi_ros.core.moments import Moments, accumulate, forget_factor_for, merge
-from iolspi_ros.errors import InputError
+from iolspi_ros.core.moments import Moments, accumulate, forget_factor_for
 
 ACTIONS, SIZE = 3, 4
 
@@ -84,49 +83,3 @@ def test_the_forget_factors_of_part_1_leave_one_percent(samples, eta):
     """T IV-A-5."""
     assert abs(forget_factor_for(samples) - eta) < 5e-5
     assert forget_factor_for(samples) ** samples == pytest.approx(0.01)
-
-
-@given(
-    st.lists(st.integers(0, 12), min_size=1, max_size=4),
-    st.sampled_from([1.0, 0.9]),
-    st.sampled_from([0.0, 0.5]),
-)
-def test_a_fleet_adds_up(lengths, eta, delta):
-    """Sample by sample: what a vehicle saw k of its own steps ago counts η^k."""
-    samples = [batch(seed, n) for seed, n in enumerate(lengths)]
-    fleet = [
-        accumulate(Moments.empty(ACTIONS, SIZE, delta), *s, forget_factor=eta) for s in samples
-    ]
-    together = merge(fleet)
-    order = ACTIONS * SIZE
-    gram, cross, vector = np.zeros((order, order)), np.zeros((order, order)), np.zeros(order)
-    for n, (phi, a, r, next_phi, b) in zip(lengths, samples, strict=True):
-        for k in range(n):
-            here, there = dense(phi[k], a[k]), dense(next_phi[k], b[k])
-            gram += eta ** (n - 1 - k) * np.outer(here, here)
-            cross += eta ** (n - 1 - k) * np.outer(here, there)
-            vector += eta ** (n - 1 - k) * here * r[k]
-    gram += delta * eta ** min(lengths) * np.eye(order)  # once, the largest left
-    for a in range(ACTIONS):
-        rows = slice(a * SIZE, (a + 1) * SIZE)
-        np.testing.assert_allclose(together.gram[a], gram[rows, rows], atol=1e-12)
-    np.testing.assert_allclose(together.cross.reshape(order, order), cross, atol=1e-12)
-    np.testing.assert_allclose(together.reward.ravel(), vector, atol=1e-12)
-    assert together.n_samples == sum(lengths)
-    np.testing.assert_allclose(together.weight, sum(moments.weight for moments in fleet))
-
-
-def test_without_forgetting_a_fleet_is_one_long_flight():
-    first, second = batch(1, 9), batch(2, 5)
-    alone = Moments.empty(ACTIONS, SIZE, 0.1)
-    fleet = merge([accumulate(alone, *first), accumulate(alone, *second)])
-    long = accumulate(accumulate(alone, *first), *second)
-    for name in ("gram", "cross", "reward", "n_samples", "weight", "prior"):
-        np.testing.assert_allclose(getattr(fleet, name), getattr(long, name), atol=1e-12)
-
-
-def test_a_fleet_of_different_learners_or_of_none_is_refused():
-    with pytest.raises(InputError, match="one shape for all"):
-        merge([Moments.empty(2, 3), Moments.empty(2, 4)])
-    with pytest.raises(InputError, match="one shape for all"):
-        merge([])

@@ -21,12 +21,13 @@ Array = NDArray[np.float64]
 
 SOURCES = ("set 1", "set 2", "set 3", "set 4", "set 5", SEQUENTIAL, NOTHING)
 JUMP = "set 5, g jumps at 300 s"
-ALGORITHMS = {"refreshed": REFRESHED, "literal": LITERAL}
-DEADLINE = dict.fromkeys(SOURCES, 20.0) | {NOTHING: 40.0}
+ALGORITHMS = {"refreshed": replace(REFRESHED, update_interval=250), "literal": LITERAL}
+DEADLINE = dict.fromkeys(SOURCES, 10.0) | {NOTHING: 25.0}
 """Vehicle time by which a policy should be near-optimal [s]."""
+HORIZON = 60.0
+"""Vehicle time that is flown in all [s]."""
 FORGETTING = 0.99991
 """η of the jump: 1 % left after 50,000 steps, the best of T IV-A-5."""
-_BETWEEN_UPDATES = 5.0  # s
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,9 @@ def settings() -> Mapping[tuple[str, str], PendulumRun]:
     found = {}
     for name, learner in ALGORITHMS.items():
         for source in SOURCES:
-            found[source, name] = _every_update(PendulumRun(learner, samples=source, seconds=600.0))
+            found[source, name] = _every_update(
+                PendulumRun(learner, samples=source, seconds=HORIZON)
+            )
         careful = replace(learner, epsilon=0.05, forget_factor=FORGETTING)
         jump = replace(HANGING, g_after=19.81, g_change_start=300.0)  # T IV-A-4
         found[JUMP, name] = _every_update(
@@ -66,7 +69,8 @@ def settings() -> Mapping[tuple[str, str], PendulumRun]:
 
 
 def _every_update(setting: PendulumRun) -> PendulumRun:
-    return replace(setting, looks=round(setting.seconds / _BETWEEN_UPDATES))
+    between = setting.learner.update_interval * setting.task.description.sampling_time
+    return replace(setting, looks=round(setting.seconds / between))
 
 
 def total(seeds: int) -> int:
@@ -116,15 +120,15 @@ def _figures(chosen: Curves, source: str, algorithm: str) -> list[Row]:
     first = int(np.searchsorted(chosen.time, deadline))
     later = max(interval(column).high for column in ratio[:, first:].T)
     mean, _, most = interval(ratio[:, first])
+    worst = float(ratio[:, first:].max())
     up, least, _ = interval(upright[:, first])
     at = f"at {deadline:g} s"
     return [
-        Row(f"{name}: cost {at}, mean", mean, "x near-optimal"),
-        _goal(algorithm, at_most, f"{name}: cost {at}, upper 95 %", most, 1.01),
+        _goal(algorithm, at_most, f"{name}: cost {at}, mean", mean, 1.005),
+        Row(f"{name}: cost {at}, upper 95 %", most, "x near-optimal"),
         Row(f"{name}: cost {at}, worst seed", float(ratio[:, first].max()), "x near-optimal"),
-        _goal(algorithm, at_most, f"{name}: cost at any later update, upper 95 %", later, 1.02),
-        Row(f"{name}: cost, worst later update of all seeds",
-            float(ratio[:, first:].max()), "x near-optimal"),
+        Row(f"{name}: cost at any later update, upper 95 %", later, "x near-optimal"),
+        _goal(algorithm, at_most, f"{name}: cost, worst later update of all seeds", worst, 1.01),
         _goal(algorithm, at_least, f"{name}: last 0.5 s upright {at}, mean", up, 0.98),
         Row(f"{name}: last 0.5 s upright {at}, lower 95 %", least, "share"),
         Row(f"{name}: episodes upright for all of it {at}", float(whole[:, first].mean()), "share"),

@@ -17,7 +17,7 @@ from iolspi_ros.errors import check_choice
 if TYPE_CHECKING:
     from iolspi_ros.bench.rows import Row
 
-SUBJECTS = ("learner", "speed", "scale", "safety", "bridge")
+SUBJECTS = ("learner", "speed", "scale", "safety", "bridge", "public")
 
 
 @app.command(epilog="Example: iolspi bench speed --json out/speed.json")
@@ -25,14 +25,14 @@ def bench(
     subjects: Annotated[
         Optional[list[str]], typer.Argument(help=f"{', '.join(SUBJECTS)}; all by default.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Of `learner` and `safety`.")] = 20,
+    seeds: Annotated[int, typer.Option(min=1, help="Of `learner`, `safety` and `public`.")] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
     plots: Annotated[Optional[Path], typer.Option(help="Folder for plots.")] = None,
 ) -> None:
     """Measure, and say which goals hold.
 
     On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
-    `scale` and `bridge` 10.
+    `scale` and `bridge` 10. `public` flies well-known environments (the extra gymnasium), an hour.
     """
     from iolspi_ros import resources
     from iolspi_ros.bench import machine
@@ -75,6 +75,11 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
 
         with bar("bridge [measurements]", bridge.MEASUREMENTS) as show:
             return bridge.rows(show)
+    if subject == "public":
+        from iolspi_ros.bench import public
+
+        with bar("public [realisations]", public.total(seeds)) as show:
+            return public.rows(seeds, show)
     from iolspi_ros.bench import figures, scale
 
     with bar("scale [runs]", scale.RUNS) as show:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Table, weigh
+from iolspi_ros.core.basis import Table, weigh
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.shield import Guard, allowed, safest
 

@@ -1,10 +1,9 @@
-"""LSTD-Q with one unknown for each sample: for grids with more functions than samples.
+"""LSTD-Q with one unknown for each sample: for more functions than samples.
 
 The weights that solve (Φᵀ W (Φ - γΦ') + δI) w = Φᵀ W r are a sum of the samples' own features,
 w = Φᵀα, so that α solves (K - γK' + δ W⁻¹) α = r with K = ΦΦᵀ and K' = Φ'Φᵀ: as many unknowns
-as samples, whatever the number of functions. A grid is a product of functions of one variable,
-and so K is the product, entry by entry, of one small product for each dimension: Γ and Λ are
-never built. Nothing is approximated.
+as samples, whatever the number of functions. Γ and Λ are never built.
+Nothing is approximated.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Basis
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.lspi import Actions
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.solve import Solve, solve_system
@@ -35,7 +34,6 @@ class DualSystem:
     transitions, n_actions, gamma, weight, delta, among
         As of `lspi.BlockSystem`; δ must be positive when it is solved.
     basis : Basis
-        A product of functions of one variable, none of them trimmed.
     """
 
     def __init__(
@@ -52,17 +50,9 @@ class DualSystem:
         self.basis, self.n_actions, self.gamma, self.delta = basis, n_actions, gamma, delta
         self.transitions, self.weight = transitions, np.maximum(weight, 1e-12)
         self.action = transitions.action
-        self._kernel = self._products(transitions.state)
-        self._next_kernel = self._products(transitions.next_state)
+        self._kernel = basis.inner(transitions.state, transitions.state)
+        self._next_kernel = basis.inner(transitions.next_state, transitions.state)
         self._next_kernel[transitions.terminated] = 0.0
-
-    def _products(self, states: Array) -> Array:
-        """φ(s)ᵀφ(s_j) of some states and every sample's, shape (n_states, n_samples)."""
-        product = np.ones((len(states), len(self.action)))
-        here, there = self.basis.factors(states), self.basis.factors(self.transitions.state)
-        for left, right in zip(here, there, strict=True):
-            product *= left @ right.T
-        return product
 
     def _chunks(self, states: Array) -> Iterator[tuple[slice, Array]]:
         for first in range(0, len(states), CHUNK):

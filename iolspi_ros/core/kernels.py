@@ -2,8 +2,8 @@
 
 Nobody gives limits, numbers of centres or widths. Each variable is measured in its own range,
 states far from each other become centres, and a function is as wide as the centres are apart,
-so that it reaches its neighbours in two dimensions as in ten. The same centres divide the
-states for the buffer: what is nearest to one of them is one crowd.
+so that it reaches its neighbours in two dimensions as in ten. States between the centres, picked
+in the same way, divide the states for the buffer: what is nearest to one of them is one crowd.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from iolspi_ros.core.features import Basis, Table
+from iolspi_ros.core.basis import Basis, Table
 from iolspi_ros.errors import InputError
 
 Array = NDArray[np.float64]
@@ -26,6 +27,12 @@ RANGE = (0.005, 0.995)
 """Shares of the samples between which a variable's range is taken."""
 LOYALTY = 1.3
 """A centre in use goes only for a state that is so many times farther from all others."""
+MOST_CENTERS = 14
+"""Functions for each variable, multiplied: narrower ones than that need more samples than help."""
+LEAST_SAMPLES = 4
+"""For each function: from a few samples, few and wide ones are learned."""
+FINER = 4
+"""Crowds for each function: half as wide in a plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +81,14 @@ class Kernels(Basis):
     def table(self) -> Table:
         """The numbers that evaluate it."""
         n_dims = len(self.scales)
+        gains = 1.0 / (self.scales * self.width)
+        counts = np.where(self.periods > 0.0, 2, 1)  # coordinates of each variable
         return Table(
-            False, np.zeros(n_dims, np.int64), np.zeros(0), 1.0 / (self.scales * self.width),
-            self.periods, np.zeros((0, n_dims), np.int64), np.ascontiguousarray(self.points),
+            False, counts, np.zeros(0), gains, self.periods, np.zeros((0, n_dims), np.int64),
+            _flat(self.points, gains, self.periods),
         )  # fmt: skip
 
-    def around(self, states: Array, size: int) -> Kernels:
+    def around(self, states: Array, size: int) -> tuple[Kernels, Crowds]:
         """As many functions, at most, around states among these; present ones tend to stay.
 
         Parameters
@@ -89,20 +98,23 @@ class Kernels(Basis):
 
         Returns
         -------
-        Kernels
+        kernels : Kernels
+        crowds : Crowds
+            `FINER` times as many parts of the same states.
         """
         scales = _ranges(states, self.periods)
         own = self.points if np.isfinite(self.scales).any() else self.points[:0]
-        among = np.ascontiguousarray(np.concatenate([own, states]))
-        loyalty = np.where(np.arange(len(among)) < len(own), LOYALTY, 1.0)
-        chosen, gaps = _farthest(among, scales, self.periods, loyalty, min(size, len(among)))
-        points = np.ascontiguousarray(among[chosen])
-        width = REACH * float(np.median(gaps)) if len(gaps) > 1 else 1.0
-        return Kernels(points, scales, self.periods, width)
-
-    def nearest(self, states: Array) -> NDArray[np.int64]:
-        """Number of the nearest centre of each state, shape (n_samples,)."""
-        return _nearest(np.ascontiguousarray(states), self.points, self.scales, self.periods)
+        among = np.concatenate([own, states])
+        loyalty = np.where(np.arange(len(among)) < len(own), LOYALTY**2, 1.0)
+        size = min(size, MOST_CENTERS ** len(scales), 1 + len(states) // LEAST_SAMPLES)
+        places = _flat(among, 1.0 / scales, self.periods)
+        chosen = _farthest(places, loyalty, min(FINER * size, len(among)))
+        first = places[chosen[:size]]
+        width = 1.0
+        if len(first) > 1:
+            width = REACH * float(np.median(KDTree(first).query(first, 2)[0][:, 1]))
+        found = Kernels(np.ascontiguousarray(among[chosen[:size]]), scales, self.periods, width)
+        return found, Crowds(among[chosen], scales, self.periods)
 
     def packed(self, weights: Array) -> Array:
         """A policy with its functions as one array, to send or to keep.
@@ -141,20 +153,46 @@ class Kernels(Basis):
         return cls(points, scales, periods.copy(), 1.0), rows[:n_actions].copy()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Crowds:
-    """Parts of the state space for a buffer: each is what is nearest to one centre."""
+    """Parts of the state space for a buffer: each is what is nearest to one point.
 
-    kernels: Kernels
+    Parameters
+    ----------
+    points : ndarray of shape (n_points, n_dims)
+    scales, periods : ndarray of shape (n_dims,)
+        As of `Kernels`.
+    """
+
+    points: Array
+    scales: Array
+    periods: Array
 
     @property
     def n_dims(self) -> int:
         """Number of state variables."""
-        return len(self.kernels.scales)
+        return len(self.scales)
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(_flat(self.points, 1.0 / self.scales, self.periods))
 
     def __call__(self, states: Array, action: NDArray[np.int64]) -> NDArray[np.int64]:
         """Number of the part and action of each sample, shape (n_samples,)."""
-        return self.kernels.nearest(states) + action * self.kernels.size
+        nearest = self._tree.query(_flat(states, 1.0 / self.scales, self.periods))[1]
+        return nearest.astype(np.int64) + action * len(self.points)
+
+
+def _flat(states: Array, gains: Array, periods: Array) -> Array:
+    """Coordinates whose distances count: a variable that repeats is a place on a circle."""
+    columns = []
+    for value, gain, period in zip(states.T, gains, periods, strict=True):
+        if period > 0.0:
+            angle, radius = 2.0 * np.pi * value / period, gain * period / (2.0 * np.pi)
+            columns += [radius * np.cos(angle), radius * np.sin(angle)]
+        else:
+            columns.append(gain * value)
+    return np.ascontiguousarray(np.stack(columns, axis=1))
 
 
 def _ranges(states: Array, periods: Array) -> Array:
@@ -170,52 +208,21 @@ def _ranges(states: Array, periods: Array) -> Array:
 
 
 @njit(cache=True)
-def _distance(one: Array, other: Array, scales: Array, periods: Array) -> float:
-    """Squared, in ranges."""
-    total = 0.0
-    for d in range(len(scales)):
-        apart = one[d] - other[d]
-        if periods[d] > 0.0:
-            apart = np.sin(np.pi * apart / periods[d]) * periods[d] / np.pi
-        apart /= scales[d]
-        total += apart * apart
-    return total
-
-
-@njit(cache=True)
-def _farthest(
-    states: Array, scales: Array, periods: Array, loyalty: Array, size: int
-) -> tuple[NDArray[np.int64], Array]:
-    """Each time the state farthest from all chosen; their numbers, and the gap of each then."""
-    far = np.full(len(states), np.inf)
-    chosen, gaps, count, last = np.zeros(size, np.int64), np.empty(size), 1, 0
+def _farthest(places: Array, loyalty: Array, size: int) -> NDArray[np.int64]:
+    """Numbers of some places, each time of the one farthest from all before."""
+    far = np.full(len(places), np.inf)
+    chosen, count, last = np.zeros(size, np.int64), 1, 0
     while count < size:
         best, most = 0, 0.0
-        for i in range(len(states)):
-            far[i] = min(far[i], _distance(states[i], states[last], scales, periods))
-            if far[i] * loyalty[i] * loyalty[i] > most:
-                best, most = i, far[i] * loyalty[i] * loyalty[i]
+        for i in range(len(places)):
+            apart = 0.0
+            for d in range(places.shape[1]):
+                apart += (places[i, d] - places[last, d]) ** 2
+            far[i] = min(far[i], apart)
+            if far[i] * loyalty[i] > most:
+                best, most = i, far[i] * loyalty[i]
         if most <= 1e-12:
             break
         last = best
         chosen[count], count = best, count + 1
-    for i in range(count):
-        nearest = np.inf
-        for j in range(count):
-            if i != j:
-                gap = _distance(states[chosen[i]], states[chosen[j]], scales, periods)
-                nearest = min(nearest, gap)
-        gaps[i] = np.sqrt(nearest)
-    return chosen[:count], gaps[:count]
-
-
-@njit(cache=True)
-def _nearest(states: Array, points: Array, scales: Array, periods: Array) -> NDArray[np.int64]:
-    found = np.zeros(len(states), np.int64)
-    for i in range(len(states)):
-        least = np.inf
-        for j in range(len(points)):
-            apart = _distance(states[i], points[j], scales, periods)
-            if apart < least:
-                found[i], least = j, apart
-    return found
+    return chosen[:count]

@@ -141,7 +141,7 @@ class BlockSystem:
         gram = self.gram.copy()
         gram[:, np.arange(size), np.arange(size)] += self.delta
         mass = float(self.weight.sum())
-        return Moments(gram, self._cross, self.vector, len(policy), mass, self.delta)
+        return Moments(gram, self._cross, self.vector, len(policy), mass)
 
     def _add(self, rows: NDArray[np.int64] | slice, policy: Actions, weight: Array) -> None:
         add_cross(

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.buffer import Buffer, Cells, Partition
-from iolspi_ros.core.features import BASES, NORMALISATIONS, Basis, ChebyshevGrid, RBFGrid
+from iolspi_ros.core.features import BASES, NORMALISATIONS, ChebyshevGrid, RBFGrid
 from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.moments import SCALINGS
 from iolspi_ros.core.shield import Shield
@@ -85,7 +86,7 @@ class LSPISettings(Settings):
         True, "refreshed: demonstrated samples have places of their own in the buffer"
     )
     refresh_iterations: int = setting(
-        10, "refreshed: an update gives a delta up after so many policies", low=1
+        20, "refreshed: an update gives a delta up after so many policies", low=1
     )
     refresh_budget: float = setting(
         0.0, "refreshed: an update starts no policy after so long [s]; 0.0 for no limit", low=0.0
@@ -187,7 +188,7 @@ class LSPISettings(Settings):
         features = self.features()
         counts = tuple(CELLS_PER_CENTER * count for count in self.centers)
         cells: Partition = (
-            Crowds(features)
+            Crowds(features.points, features.scales, features.periods)
             if isinstance(features, Kernels)
             else Cells(self.low, self.high, counts)
         )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Basis
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.kernels import Kernels
 from iolspi_ros.core.moments import Moments
 from iolspi_ros.core.samples import Transitions

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.buffer import Buffer
-from iolspi_ros.core.features import Basis
 from iolspi_ros.core.learner import Update
 from iolspi_ros.core.lspi import Iteration
 from iolspi_ros.core.moments import Moments

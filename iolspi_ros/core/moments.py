@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.errors import InputError, check_choice, check_range
+from iolspi_ros.errors import check_choice, check_range
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,6 @@ class Moments:
         Number of samples that went in, n_s.
     weight : float
         Sum of η^i for i = 1 … n_s, the scale of T Eq. 9-15.
-    prior : float
-        What is left in Γ of the δI that it started from.
     """
 
     gram: Array
@@ -41,7 +39,6 @@ class Moments:
     reward: Array
     n_samples: int = 0
     weight: float = 0.0
-    prior: float = 0.0
 
     @classmethod
     def empty(cls, n_actions: int, size: int, delta: float = 0.0) -> Moments:
@@ -49,7 +46,7 @@ class Moments:
         gram = np.zeros((n_actions, size, size))
         gram[:, np.arange(size), np.arange(size)] = delta
         cross = np.zeros((n_actions, size, n_actions, size))
-        return cls(gram, cross, np.zeros((n_actions, size)), prior=delta)
+        return cls(gram, cross, np.zeros((n_actions, size)))
 
     @property
     def n_actions(self) -> int:
@@ -109,7 +106,6 @@ def accumulate(
         moments.reward * kept,
         moments.n_samples + n,
         kept * moments.weight + (float(n) if eta == 1.0 else eta * (1.0 - kept) / (1.0 - eta)),
-        kept * moments.prior,
     )
     add_gram(grown, phi, action, reward, weight)
     add_cross(grown.cross, phi, action, next_phi, next_action, weight)
@@ -163,39 +159,6 @@ def groups(key: NDArray[np.int64]) -> Iterator[tuple[int, slice]]:
     for first, last in pairwise([0, *cuts.tolist(), len(key)]):
         if last > first:
             yield int(key[first]), slice(first, last)
-
-
-def merge(fleet: Sequence[Moments]) -> Moments:
-    """Moments of several vehicles that fly one policy, as if gathered together.
-
-    Each vehicle forgets by its own steps, so what it saw k of its steps ago counts η^k. The δI
-    that each began with counts once: the largest that is left.
-
-    Parameters
-    ----------
-    fleet : sequence of Moments
-        One or more, of the same actions and functions.
-
-    Raises
-    ------
-    InputError
-        When there are none, or when their shapes differ.
-    """
-    shapes = sorted({moments.reward.shape for moments in fleet})
-    if len(shapes) != 1:
-        raise InputError(f"moments to merge have shapes {shapes}; allowed: one shape for all")
-    prior = max(moments.prior for moments in fleet)
-    gram = np.sum([moments.gram for moments in fleet], axis=0)
-    diagonal = np.arange(shapes[0][1])
-    gram[:, diagonal, diagonal] += prior - sum(moments.prior for moments in fleet)
-    return Moments(
-        gram,
-        np.sum([moments.cross for moments in fleet], axis=0),
-        np.sum([moments.reward for moments in fleet], axis=0),
-        sum(moments.n_samples for moments in fleet),
-        sum(moments.weight for moments in fleet),
-        prior,
-    )
 
 
 def forget_factor_for(samples: float, left: float = 0.01) -> float:

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.choice import Choice, choose, epsilon_at, greedy_action, guarded
-from iolspi_ros.core.features import Basis
 from iolspi_ros.core.kernels import Crowds, Kernels
 from iolspi_ros.core.learner import PERSON, Kernel, Proceed, Source, always
 from iolspi_ros.core.lspi import greedy, offline_lspi
@@ -334,8 +334,7 @@ class OnlineLSPI:
             seen = kept.transitions + batch
             believed, basis, cells = ~doubts(seen, *limits).rows, features, kept.cells
             if isinstance(features, Kernels):
-                basis = features.around(seen.state[believed], s.kernels)
-                cells = Crowds(basis)
+                basis, cells = features.around(seen.state[believed], s.kernels)
             buffer = replace(kept, cells=cells).add(batch, step, demonstrated, at_once=pretraining)
             new = batch[believed[len(kept) :]]
             grown = shield.learn(new, 1.0 if pretraining else s.forget_factor)
@@ -385,7 +384,7 @@ class OnlineLSPI:
         features, cells = self.features, self.buffer.cells
         if isinstance(features, Kernels):
             features = state.kernels.kernels(self.task.n_dims)
-            cells = Crowds(features)
+            cells = Crowds(features.points, features.scales, features.periods)
         check(state, self.state(), self.task, features.size)
         try:
             self.rng.bit_generator.state = state.rng

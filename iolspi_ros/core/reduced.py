@@ -74,6 +74,9 @@ class ReducedSystem:
         self.target = np.concatenate(
             [own.T @ transitions.reward[r] for own, r in zip(self.own, rows, strict=True)]
         )
+        # The next states' features in each action's directions, filled in as they are asked for.
+        self.next_own = [np.empty((len(self.action), v.shape[1])) for v in self.directions]
+        self._known = np.zeros((n_actions, len(self.action)), bool)
         edges = [0, *accumulate(v.shape[1] for v in self.directions)]
         self._spans = [slice(*pair) for pair in pairwise(edges)]
         self._gram = np.concatenate([v[k] for (v, _), k in zip(found, kept, strict=True)])
@@ -92,7 +95,10 @@ class ReducedSystem:
         """Weights of a policy; only samples whose next action changed are moved."""
         last, every = self._last, np.arange(len(policy))
         moved = every if last is None else np.flatnonzero(policy != last)
-        if last is not None:
+        if last is None or 2 * len(moved) > len(policy):
+            self._cross[:] = 0.0
+            moved = every
+        else:
             self._add(moved, last, -1.0)
         self._add(moved, policy, 1.0)
         self._last = policy
@@ -110,6 +116,10 @@ class ReducedSystem:
         for ab, span in groups(pair[order]):
             a, b = divmod(ab, len(self.directions))
             chosen = rows[order[span]]
-            right = self.next_phi[chosen] @ self.directions[b]
+            new = chosen[~self._known[b, chosen]]
+            self.next_own[b][new] = self.next_phi[new] @ self.directions[b]
+            self._known[b, new] = True
             left = self.own[a][self.place[chosen]]
-            self._cross[self._spans[a], self._spans[b]] += sign * (left.T @ right)
+            self._cross[self._spans[a], self._spans[b]] += sign * (
+                left.T @ self.next_own[b][chosen]
+            )

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.buffer import Buffer
 from iolspi_ros.core.dual import DualSystem
-from iolspi_ros.core.features import Basis
 from iolspi_ros.core.learner import Proceed, always
 from iolspi_ros.core.lspi import Iteration, greedy, policy_iteration
 from iolspi_ros.core.lspi_settings import LSPISettings
@@ -140,40 +140,68 @@ def refresh(
     -------
     Refreshed
     """
-    s, rows = settings, buffer.transitions
+    rows = buffer.transitions
     doubt = doubts(rows, *limits)
-    weight = buffer.weight(step, s.forget_factor, ~doubt.rows)
+    weight = buffer.weight(step, settings.forget_factor, ~doubt.rows)
     if doubt.rows.any():
         rows, weight = rows[~doubt.rows], weight[~doubt.rows]
         among = None if among is None else among[~doubt.rows]
     # Whichever is smaller: one unknown for each function and action, or one for each sample.
-    many = 0 < len(rows) < task.n_actions * basis.size and not len(basis.table.kept)
-    kind = DualSystem if many else ReducedSystem
+    kind = DualSystem if 0 < len(rows) < task.n_actions * basis.size else ReducedSystem
     system = kind(rows, basis, task.n_actions, task.gamma, weight, DELTAS[0], among=among)
     first = None
     if old is not None and old is not basis:
         first = greedy(weights, old(rows.next_state, rows.terminated), among=among)
-    start = weights if first is None else np.zeros((task.n_actions, basis.size))
-    deadline = time.monotonic() + s.refresh_budget if s.refresh_budget else np.inf
+        start = np.zeros((task.n_actions, basis.size))
+    else:
+        start = weights
+    climbed = _climb(system, start, first, rows.reward, task.gamma, settings, proceed)
+    found, stop = climbed.found, climbed.stop
+    used = stop == STOPS[0] or (anything and climbed.solve.healthy)
+    record = Refresh(
+        climbed.policies, stop, system.delta, climbed.rungs, used, int(doubt.rows.sum()),
+        doubt.reasons,
+    )  # fmt: skip
+    return Refreshed(climbed.solve.weights if used else weights, climbed.solve, found, record)
 
-    done, rungs = 0, 0
-    for share in DELTAS:
 
-        def go_on(part: float, rung: int = rungs) -> bool:
+class _Climbed(NamedTuple):
+    """Policy iterations with one δ after the other."""
+
+    found: Iteration
+    solve: Solve
+    stop: str
+    policies: int
+    rungs: int
+
+
+def _climb(
+    system: DualSystem | ReducedSystem,
+    start: Array,
+    first: NDArray[np.int64] | None,
+    reward: Array,
+    gamma: float,
+    settings: LSPISettings,
+    proceed: Proceed,
+) -> _Climbed:
+    """Iterate with the first δ, and with the next as long as it does not converge."""
+    budget = settings.refresh_budget
+    deadline = time.monotonic() + budget if budget else np.inf
+    done = 0
+    for rung, share in enumerate(DELTAS):
+
+        def go_on(part: float, rung: int = rung) -> bool:
             return time.monotonic() < deadline and proceed((rung + part) / len(DELTAS))
 
         system.delta = share * system.scale
         found = policy_iteration(
-            system, start, chi=s.chi, max_iterations=s.refresh_iterations, proceed=go_on,
-            first=first,
+            system, start, chi=settings.chi, max_iterations=settings.refresh_iterations,
+            proceed=go_on, first=first,
         )  # fmt: skip
-        done, rungs = done + found.iterations, rungs + 1
-        solve = found.solve
-        if solve.healthy and not plausible(system.values(solve.weights), rows.reward, task.gamma):
+        done, solve = done + found.iterations, found.solve
+        if solve.healthy and not plausible(system.values(solve.weights), reward, gamma):
             solve = replace(solve, status="diverging")
         stop = found.stop if solve.healthy else STOPS[-1]
         if stop in ("converged", "interrupted"):
             break
-    used = stop == STOPS[0] or (anything and solve.healthy)
-    record = Refresh(done, stop, system.delta, rungs, used, int(doubt.rows.sum()), doubt.reasons)
-    return Refreshed(solve.weights if used else weights, solve, found, record)
+    return _Climbed(found, solve, stop, done, rung + 1)

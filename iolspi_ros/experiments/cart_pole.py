@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Basis, RBFGrid, Table, weigh
+from iolspi_ros.core.basis import Basis, Table, weigh
+from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.lspi import Iteration, offline_lspi
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from iolspi_ros.core.features import Basis, Table, weigh
+from iolspi_ros.core.basis import Basis, Table, weigh
 from iolspi_ros.core.learner import CompiledLearner, Learner, Source, Update, update
 from iolspi_ros.core.samples import Transitions
 from sim_nodes.tasks.base import Compiled, Task

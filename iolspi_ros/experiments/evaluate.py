@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros import __version__
-from iolspi_ros.core.features import Basis
+from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.lspi import greedy
 from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
 from iolspi_ros.core.shield import Shield

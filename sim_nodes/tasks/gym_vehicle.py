@@ -97,7 +97,7 @@ def by_id(name: str) -> type[GymVehicle]:
     InputError
         When Gymnasium is not installed, has no such environment, or it is no vehicle.
     """
-    return _class(name.removeprefix(PREFIX), {}, Wishes(), STARTS)
+    return vehicle_class(name.removeprefix(PREFIX), {}, Wishes(), STARTS)
 
 
 @cache
@@ -113,7 +113,7 @@ def by_file(path: Path) -> type[GymVehicle]:
     try:
         if not isinstance(content, Mapping) or not isinstance(content.get("gymnasium"), str):
             raise InputError("it has no gymnasium: ID; it must have one")
-        return _class(content["gymnasium"], *_wishes(content))
+        return vehicle_class(content["gymnasium"], *_wishes(content))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -167,7 +167,10 @@ def _action(entry: Any) -> Action:
     return Action(str(named.get("name") or " ".join(f"{v:+g}" for v in values)), values)
 
 
-def _class(id_: str, arguments: Mapping[str, Any], wishes: Wishes, starts: int) -> type[GymVehicle]:
+def vehicle_class(
+    id_: str, arguments: Mapping[str, Any], wishes: Wishes, starts: int
+) -> type[GymVehicle]:
+    """The vehicle of an environment, with what is wished of it; see `GymVehicle`."""
     env = _make(id_, arguments)
     try:
         threshold = gym_description.success_return(env, wishes)
