@@ -29,7 +29,6 @@ TESTS = {
     f"{CORE}/checkpoint.py": "checkpoint",
     f"{CORE}/dual.py": "refresh",
     f"{CORE}/features.py": "features",
-    f"{CORE}/judge.py": "refresh",
     f"{CORE}/learner.py": "registry online",
     f"{CORE}/lspi.py": "lspi moments refresh",
     f"{CORE}/lspi_settings.py": "config online shield",
