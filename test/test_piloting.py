@@ -93,6 +93,15 @@ def test_it_ends_when_enough_is_kept():
     assert scene.hear(0.0) is Phase.ENDED
 
 
+def test_one_that_was_broken_off_is_kept_and_does_not_count():
+    scene = Scene(n_episodes=1, countdown=0.0)
+    scene.take_off()
+    assert scene.piloting.landed(flown(0), whole=False) is True
+    assert (scene.piloting.phase, scene.piloting.kept) == (Phase.FLYING, 0)
+    assert scene.piloting.landed(flown(1)) is True
+    assert scene.piloting.phase is Phase.ENDED
+
+
 def test_verdicts_and_taking_them_back():
     scene = Scene(review=True, countdown=0.0)
     piloting = scene.piloting

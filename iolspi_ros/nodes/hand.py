@@ -115,7 +115,7 @@ class HandFlight(Teleop):
             self._flown = Flown(observation.episode)
             self._say()
         elif self._flown is not None and observation.episode != self._flown.episode:
-            self._land()  # the vehicle has left it without an end
+            self._land(whole=False)
         if self.piloting.phase is not Phase.FLYING:
             return self._node.task.neutral, Source.HOLD
         if self._flown is None:
@@ -139,10 +139,10 @@ class HandFlight(Teleop):
         if self._flown is not None and episode == self._flown.episode:
             self._land()
 
-    def _land(self) -> None:
+    def _land(self, *, whole: bool = True) -> None:
         flown, self._flown = self._flown, None
         assert flown is not None
-        kept = self.piloting.landed(flown)
+        kept = self.piloting.landed(flown, whole=whole)
         self._store(flown, kept=bool(kept))
         if kept:
             self._send(flown)

@@ -135,14 +135,17 @@ class Piloting:
         if self.phase not in (Phase.ENDED, Phase.REVIEW):
             self.phase = Phase.NO_STICK
 
-    def landed(self, flown: Flown) -> bool | None:
-        """An episode has come to its end; whether it is kept, None for not decided yet."""
+    def landed(self, flown: Flown, *, whole: bool = True) -> bool | None:
+        """An episode is over; whether it is kept, None for not decided yet.
+
+        One that the vehicle broke off is not `whole`: it does not count where nobody judges.
+        """
         if self._settings.review:
             self.undecided.append(flown)
             self.phase = Phase.REVIEW
             return None
         kept = not flown.marked
-        self._count(kept, 1)
+        self._count(kept, int(whole))
         if self.kept >= self._n_episodes:
             self.phase = Phase.ENDED
         elif self.phase is Phase.PAUSED:
