@@ -164,7 +164,11 @@ def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp
     if mode == "lockstep":  # nothing is lost there
         over = [wire.ScoreRows().read(m) for m in person.heard["score"]]
         in_time = {
-            episode: [seen[k].source == Source.HUMAN for k in sorted(seen) if k[0] == episode]
+            episode: [  # what the vehicle holds on a busy machine is neither's
+                seen[k].source == Source.HUMAN
+                for k in sorted(seen)
+                if k[0] == episode and seen[k].source != Source.HOLD
+            ]
             for episode, *_ in over
         }
         assert [int(values[-1]) for values in over] == [
@@ -287,9 +291,11 @@ def demonstrate(nodes, *arguments, **values):
 
 def fly(person, then):
     """An episode flown at random, from a movement to what follows it."""
+    person.until(person.newest)
     person.axis = -person.axis or 1.0
     person.until(lambda: person.piloting()["phase"] in (Phase.FLYING, then))
     person.phase(then)
+    return person.piloting()["episode"]
 
 
 def test_it_begins_at_a_movement_and_an_episodes_beginning(nodes, person):
@@ -323,8 +329,7 @@ def test_verdicts_decide_what_the_bag_and_the_learner_get(nodes, person, tmp_pat
     assert not person.ask("keep").success
     flown = []
     for verdict in ("keep", "discard", "keep", "keep"):
-        fly(person, Phase.REVIEW)
-        flown.append(person.newest()["episode"])
+        flown.append(fly(person, Phase.REVIEW))
         answer = person.ask(verdict)
         assert answer.success, answer.message
     for _ in range(3):
@@ -357,9 +362,9 @@ def test_a_kill_costs_the_running_episode_alone(nodes, person, tmp_path):
     person.phase(Phase.WAITING)
     kept = []
     for verdict in ("keep", "discard", "keep"):
-        fly(person, Phase.REVIEW)
+        episode = fly(person, Phase.REVIEW)
         if verdict == "keep":
-            kept.append(person.newest()["episode"])
+            kept.append(episode)
         assert person.ask(verdict).success
     person.axis = -person.axis
     nodes.end("demonstrator", signal.SIGKILL)
