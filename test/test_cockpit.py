@@ -21,6 +21,7 @@ from msg_bridge.cockpit.session import FLOOD, Session
 from msg_bridge.cockpit.settings import CockpitSettings, token_for
 from msg_bridge.cockpit.stick import LOST, SILENCE, Deflection, Stick
 from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
 
 LEFT = Deflection((1.0, 0.0), (0, 0, 1))
 REST = Deflection((0.0, 0.0), (0, 0, 0))
@@ -77,14 +78,20 @@ def test_what_is_understood():
     assert words.read('{"say": "ask"}', 3) == words.Ask()
     assert words.read('{"say": "give"}', 3) == words.Give()
     assert words.read('{"say": "call", "service": "keep"}', 3) == words.Call("keep")
-    assert words.read('{"say": "speed", "factor": 0.1}', 3) == words.Speed(0.1)
+    tune = '{"say": "tune", "what": "speed", "value": 0.1}'
+    assert words.read(tune, 3) == words.Tune("speed", 0.1)
+    tune = '{"say": "tune", "what": "corruption", "value": 0}'
+    assert words.read(tune, 3) == words.Tune("corruption", 0.0)
 
 
 @pytest.mark.parametrize("text", [
     "", "[", "[]", "null", "1", '"ask"', "{}", '{"say": null}', '{"say": ["ask"]}',
     '{"say": "call", "service": "shutdown"}', '{"say": "call", "service": ["keep"]}',
-    '{"say": "speed"}', '{"say": "speed", "factor": NaN}', '{"say": "speed", "factor": 0.05}',
-    '{"say": "speed", "factor": 1e999}', '{"say": "speed", "factor": true}',
+    '{"say": "tune", "what": "speed"}', '{"say": "tune", "what": "speed", "value": NaN}',
+    '{"say": "tune", "what": "speed", "value": 0.05}', '{"say": "tune", "what": ["speed"]}',
+    '{"say": "tune", "what": "speed", "value": 1e999}', '{"say": "tune", "what": {}, "value": 1}',
+    '{"say": "tune", "what": "corruption", "value": true}',
+    '{"say": "tune", "what": "seed", "value": 1}',
     '{"say": "move", "axes": [NaN, 0], "buttons": [0, 0, 0]}',
     '{"say": "move", "axes": [Infinity, 0], "buttons": [0, 0, 0]}',
     '{"say": "move", "axes": [null, 0], "buttons": [0, 0, 0]}',
@@ -109,11 +116,16 @@ json_values = st.recursive(
 )
 
 
-@given(
-    st.sampled_from(["move", "call", "speed", "ask", "x"]), json_values, json_values, json_values
-)
+@given(st.sampled_from(["move", "call", "tune", "ask", "x"]), json_values, json_values, json_values)
 def test_whatever_comes_is_said_or_refused(say, first, second, third):
-    said = {"say": say, "axes": first, "buttons": second, "factor": third, "service": first}
+    said = {
+        "say": say,
+        "axes": first,
+        "buttons": second,
+        "value": third,
+        "service": first,
+        "what": first,
+    }
     try:
         read = words.read(json.dumps(said), 3)
     except InputError:
@@ -141,8 +153,8 @@ class Node:
     def call(self, service):
         self.done.append(service)
 
-    def speed(self, factor):
-        self.done.append(factor)
+    def tune(self, what, value):
+        self.done.append((what, value))
 
 
 class Clock:
@@ -164,13 +176,17 @@ def session():
 def test_only_who_has_the_stick_is_listened_to(session):
     session.hear(1, words.Ask())
     session.hear(2, words.Ask())
-    for said in (words.Move(LEFT), words.Call("keep"), words.Speed(0.5), words.Give()):
+    for said in (words.Move(LEFT), words.Call("keep"), words.Tune("speed", 0.5), words.Give()):
         with pytest.raises(InputError):
             session.hear(2, said)
     assert session.node.done == []
-    for said in (words.Move(LEFT), words.Call("keep"), words.Speed(0.5), words.Move(LEFT)):
+    for said in (words.Move(LEFT), words.Call("keep"), words.Tune("speed", 0.5), words.Move(LEFT)):
         session.hear(1, said)
-    assert session.node.done == [LEFT, "keep", 0.5]  # the same position again waits for its time
+    assert session.node.done == [
+        LEFT,
+        "keep",
+        ("speed", 0.5),
+    ]  # the same position again waits for its time
     session.hear(1, words.Give())
     assert session.node.done[-1] == REST
     assert session.stick.holder == 2
@@ -367,6 +383,7 @@ def test_visits_are_counted_where_they_were():
     shown = Episodes(Pendulum().description)
     for seen in episode(0, [0.0] * 9, Source.EXPLOIT, angle=3.1):
         shown.take(seen)
+    assert shown.as_shown(-1)["who"] == "learner"
     visits = shown.map_of_visits()
     assert visits.sum() == 10
     row, column = np.argwhere(visits)[0]
@@ -389,3 +406,17 @@ def test_the_map_shows_what_the_learner_would_do():
         value = learner.values(state[None])[0].max()
         share = (value - shown["low"]) / (shown["high"] - shown["low"])
         assert shown["value"][j * POINTS + i] == pytest.approx(share, abs=1e-3)
+
+
+def test_how_an_episode_ended_is_said_in_the_task_s_words():
+    task = SlungLoad().description
+    dunk = next(ending for ending in task.endings if ending.success and ending.reward is not None)
+    shown = Episodes(task)
+    shown.take(Observation(0, 0, np.zeros(4)))
+    shown.take(Observation(0, 1, np.zeros(4), dunk.reward, 3, True, False))
+    assert shown.as_shown(-1)["ended"] == dunk.name
+    shown.take(Observation(1, 0, np.zeros(4)))
+    assert shown.as_shown(-1)["ended"] == dunk.name  # until another one ends
+    assert shown.as_shown(-1)["who"] == "nobody yet"
+    shown.take(Observation(1, 1, np.zeros(4), 0.0, 1, False, True))
+    assert shown.as_shown(-1)["ended"] == ""

@@ -283,3 +283,42 @@ def test_it_is_a_managed_node(graph, nodes):
     graph.until(lambda: page.look() or "task" in page.shown)
     take(graph, page)
     assert nodes.end("cockpit") == 0
+
+
+def test_the_map_is_of_the_learner_s_own_settings(graph, page, nodes):
+    """A learner with a grid of its own, which only its parameters say."""
+    nodes.start("learner", "-p", "centers:=[4, 3]", "-p", "wait_for_demonstrations:=false")
+    states = graph.publisher("state", wire.states(TASK).type, qos.OUTGOING)
+    rewards = graph.publisher("reward", Float64MultiArray, qos.OUTGOING)
+    seen = Observation(0, 0, np.array([0.5, 1.0]), 0.0, -1, stamp=1)
+
+    def drawn():
+        states.publish(wire.states(TASK).of(seen))
+        rewards.publish(wire.RewardRows().of(seen))
+        graph.spin(0.05)
+        page.look()
+        return "policy" in page.shown
+
+    graph.until(drawn)
+    shown = page.shown["policy"]
+    assert len(shown["action"]) == len(shown["value"]) == shown["points"] ** 2
+    assert set(shown["action"]) <= {0, 1, 2}
+    assert min(shown["value"]) == 0.0
+    assert max(shown["value"]) == 1.0
+
+
+@pytest.mark.parametrize("named", ["os:system", "nobody"])
+def test_a_class_that_the_graph_names_is_not_imported(graph, page, nodes, named):
+    from rcl_interfaces.srv import GetParameters
+    from rclpy.parameter import Parameter
+
+    asked = []
+
+    def answer(request, response):
+        asked.append(list(request.names))
+        response.values = [Parameter("learner", value=named).get_parameter_value()]
+        return response
+
+    graph.node.create_service(GetParameters, "learner/get_parameters", answer)
+    graph.until(lambda: f"{named} is no registered learner" in nodes.log("cockpit"))
+    assert all(names == ["learner"] for names in asked)

@@ -59,12 +59,28 @@ class Episodes:
     Parameters
     ----------
     task : TaskDescription
+
+    Attributes
+    ----------
+    now : Observation, optional
+        The newest.
+    scores : dict of int to Score
+        By the number of the episode.
+    limits : ((x, x), (y, y)), optional
+        Of the maps, once something was seen.
+    ended : str
+        How the last episode ended that the task ended, and not the clock.
+    source : int
+        Who chose the newest action that was applied; -1 when nobody said.
+    visits : ndarray of shape (BINS, BINS)
     """
 
     task: TaskDescription
     now: Observation | None = None
     scores: dict[int, Score] = field(default_factory=dict)
     limits: Limits | None = None
+    ended: str = ""
+    source: int = -1
     visits: Array = field(default_factory=lambda: np.zeros((BINS, BINS)))
     _states: list[Array] = field(default_factory=list)
     _sum: float = 0.0
@@ -81,6 +97,7 @@ class Episodes:
         if before is not None and (seen.episode, seen.step) <= (before.episode, before.step):
             return
         self.now = seen
+        self.source = seen.source if seen.source >= 0 else self.source
         if np.isfinite(seen.state).all():
             self._states.append(seen.state)
         if seen.step == 0 or before is None or seen.episode != before.episode:
@@ -89,6 +106,9 @@ class Episodes:
             self._sum, self._steps = self._sum + seen.reward, self._steps + 1
             self._demonstrated += seen.source in DEMONSTRATED
             self._nobody += seen.source == Source.HOLD
+        if seen.last:
+            ending = self.task.endings[int(self.task.ending(seen.reward, seen.terminated))]
+            self.ended = ending.name if seen.terminated else ""
         if seen.last and self._steps == seen.step and 2 * self._nobody < self._steps:
             self.score(Score(seen.episode, self._sum))
 
@@ -122,10 +142,10 @@ class Episodes:
         seen = self.now
         if seen is None:
             return {}
-        source = seen.source if seen.source >= 0 or seen.step == 0 else asked
+        source = self.source if seen.step == 0 or seen.source >= 0 else asked
         return {
             "episode": seen.episode, "step": seen.step, "state": seen.state.tolist(),
             "reward": seen.reward, "action": seen.action, "source": source,
             "who": WORDS.get(source, "nobody yet"), "sum": self._sum,
-            "last": seen.last, "stamp": seen.stamp / 1e9,
+            "ended": self.ended, "stamp": seen.stamp / 1e9,
         }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Joy
@@ -25,8 +26,8 @@ from msg_bridge.cockpit.watching import Watching
 if TYPE_CHECKING:
     from msg_bridge.cockpit.server import Server
 
-PACE = "real_time_factor"
-"""The simulator's parameter for slow motion."""
+TUNED = {"speed": ("simulator", "real_time_factor"), "corruption": ("demonstrator", "corruption")}
+"""Whose parameter is what a browser may set: those of `words.TUNED`."""
 
 
 class CockpitNode(ManagedNode):
@@ -51,13 +52,18 @@ class CockpitNode(ManagedNode):
         self._verdicts = {
             name: self.create_client(Trigger, f"demonstrator/{name}") for name in words.SERVICES
         }
-        self._set_pace = self.create_client(SetParameters, "simulator/set_parameters")
-        self._get_pace = self.create_client(GetParameters, "simulator/get_parameters")
-        self._looking = runtime.wall_timer(self, 1.0, self._look_at_pace)
+        self._setting = self._clients_of(SetParameters, "set_parameters")
+        self._getting = self._clients_of(GetParameters, "get_parameters")
+        self._looking = runtime.wall_timer(self, 1.0, self._look_at_tuned)
         self._watching = Watching(self, self.board, self._on_task)
         self._vitals = Vitals(self, "showing", (), self._diagnose)
         self._server.start()
         print(f"cockpit: open {self._server.invitation}", flush=True)
+
+    def _clients_of(self, kind: Any, service: str) -> dict[str, Any]:
+        return {
+            what: self.create_client(kind, f"{node}/{service}") for what, (node, _) in TUNED.items()
+        }
 
     def _make_server(self) -> Server:
         s = self.settings
@@ -87,8 +93,9 @@ class CockpitNode(ManagedNode):
         self._vitals.close()
         self.destroy_publisher(self._joy)
         self.destroy_timer(self._looking)
-        for client in (*self._verdicts.values(), self._set_pace, self._get_pace):
-            self.destroy_client(client)
+        for clients in (self._verdicts, self._setting, self._getting):
+            for client in clients.values():
+                self.destroy_client(client)
 
     def close(self) -> None:
         """Serve no more."""
@@ -118,30 +125,34 @@ class CockpitNode(ManagedNode):
         if not _ask(self._verdicts[service], Trigger.Request(), answered):
             self._said(f"{service}: there is no demonstrator", good=False)
 
-    def speed(self, factor: float) -> None:
-        """Set vehicle seconds per second, and show what came of it."""
+    def tune(self, what: str, value: float) -> None:
+        """Set one of `TUNED`, and show what came of it."""
+        node, name = TUNED[what]
         request = SetParameters.Request()
-        request.parameters = [Parameter(PACE, value=factor).to_parameter_msg()]
+        request.parameters = [Parameter(name, value=value).to_parameter_msg()]
 
         def answered(answer: Any) -> None:
             result = answer.results[0]
-            text = f"{factor:g} of real time" if result.successful else f"speed: {result.reason}"
+            text = f"{what}: {value:g}" if result.successful else f"{what}: {result.reason}"
             self._said(text, good=result.successful)
-            self._look_at_pace()
+            self._look_at_tuned()
 
-        if not _ask(self._set_pace, request, answered):
-            self._said("speed: there is no simulator", good=False)
+        if not _ask(self._setting[what], request, answered):
+            self._said(f"{what}: there is no {node}", good=False)
 
-    def _look_at_pace(self) -> None:
-        """Show vehicle seconds per second, whoever has set them."""
+    def _look_at_tuned(self) -> None:
+        """Show what `TUNED` is now, whoever has set it."""
+        for what, (_, name) in TUNED.items():
 
-        def answered(answer: Any) -> None:
-            factor = answer.values[0].double_value if answer.values else 0.0
-            shown = self.board.get("speed")
-            if factor and (shown is None or shown["factor"] != factor):
-                self.board.put("speed", {"factor": factor})
+            def answered(answer: Any, what: str = what) -> None:
+                is_double = (
+                    answer.values and answer.values[0].type == ParameterType.PARAMETER_DOUBLE
+                )
+                value = answer.values[0].double_value if is_double else None
+                if value is not None and self.board.get(what) != value:
+                    self.board.put(what, value)
 
-        _ask(self._get_pace, GetParameters.Request(names=[PACE]), answered)
+            _ask(self._getting[what], GetParameters.Request(names=[name]), answered)
 
     def _said(self, text: str, *, good: bool) -> None:
         self.board.put("said", {"text": text, "good": good})

@@ -9,7 +9,7 @@ from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from msg_bridge.cockpit.session import Session
-from msg_bridge.cockpit.words import FASTEST, SLOWEST
+from msg_bridge.cockpit.words import TUNED
 
 STATIC = Path(__file__).parent / "static"
 VERDICTS = (
@@ -19,6 +19,9 @@ VERDICTS = (
     ("finish", "Finish", "school", "F"),
 )
 """Services of the demonstrator: name, what the button says, its picture, its key."""
+
+SLIDERS = (("speed", "Speed"), ("corruption", "Random actions"))
+"""Of `TUNED`, with words for people."""
 
 
 def make_app(session: Session) -> FastAPI:
@@ -64,13 +67,15 @@ def show() -> None:
                         for service, words, icon, key in VERDICTS:
                             _button(
                                 f"{words} ({key})", icon, f'cockpit.call("{service}")',
-                                f"verdict-{service}", "grey-3",
+                                f"verdict-{service}", look="outline",
                             )  # fmt: skip
-                    with _part("label", "pace"):
-                        ui.label("Speed")
-                        limits = f"min={SLOWEST} max={FASTEST} step=0.1 value={FASTEST}"
-                        _part("input", "speed").props(f"type=range {limits}")
-                        _part("span", "factor")
+                    for what, words in SLIDERS:
+                        with ui.element("label").classes("slider"):
+                            ui.label(words)
+                            low, high = TUNED[what]
+                            limits = f"type=range min={low} max={high} step=0.05"
+                            _part("input", what).props(limits)
+                            _part("span", f"{what}-is")
             _part("div", "help")
         with _part("div", "side"):
             _part("section", "numbers", "card")
@@ -100,6 +105,8 @@ def _card(title: str, name: str) -> ui.element:
     return card
 
 
-def _button(words: str, icon: str, does: str, name: str, colour: str = "primary") -> None:
-    button = ui.button(words, icon=icon, color=colour).props(f"id={name} no-caps unelevated")
+def _button(
+    words: str, icon: str, does: str, name: str, colour: str = "primary", look: str = "unelevated"
+) -> None:
+    button = ui.button(words, icon=icon, color=colour).props(f"id={name} no-caps {look}")
     button.on("click", js_handler=f"(event) => {{ event.currentTarget.blur(); {does} }}")

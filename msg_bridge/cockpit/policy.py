@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,8 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-from iolspi_ros.core.learner import Learner, learner_class
+from iolspi_ros import registry
+from iolspi_ros.core.learner import GROUP, Learner, learner_class
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import from_mapping
 from iolspi_ros.task import TaskDescription
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 
 POINTS = 41
 """Of a map, each way."""
+AGAIN = 3.0
+"""Seconds after which a learner that has not answered is asked again."""
 
 
 def policy_map(learner: Learner, weights: Array, limits: Limits) -> dict[str, Any]:
@@ -58,34 +62,46 @@ class LearnerAsked:
     def __init__(self, node: Node, task: TaskDescription, ready: Callable[[Learner], None]) -> None:
         self._node, self._task, self._ready = node, task, ready
         self._client = node.create_client(GetParameters, "learner/get_parameters")
-        self._asked = False
+        self._asked = -AGAIN
+        self._answered = False
 
     def ask(self) -> None:
-        """Ask, if there is a learner and it was not asked before."""
-        if self._asked or not self._client.service_is_ready():
+        """Ask, if there is a learner and it has not answered; answers may be lost at first."""
+        now = time.monotonic()
+        waits = self._answered or now - self._asked < AGAIN
+        if waits or not self._client.service_is_ready():
             return
-        self._asked = True
+        self._asked = now
         self._get(["learner"], self._of_class)
 
-    def _get(self, names: list[str], then: Callable[[list[Any]], None]) -> None:
-        def answered(future: Any) -> None:
-            answer = future.result()
-            if answer is not None and len(answer.values) == len(names):
-                then([parameter_value_to_python(value) for value in answer.values])
+    def _get(self, names: list[str], then: Callable[[dict[str, Any]], None]) -> None:
+        """Ask for parameters one by one: asked for together, one without a value hides all."""
+        found: dict[str, Any] = {}
+        left = set(names)
 
-        request = GetParameters.Request(names=names)
-        self._client.call_async(request).add_done_callback(answered)
+        def answered(future: Any, name: str) -> None:
+            values = future.result().values
+            found[name] = parameter_value_to_python(values[0]) if values else None
+            left.discard(name)
+            if not left:
+                then(found)
 
-    def _of_class(self, values: list[Any]) -> None:
-        try:
-            kind = learner_class(str(values[0]))
-        except InputError as error:
-            self._node.get_logger().warning(f"no map of the policy: {error}")
+        for name in names:
+            future = self._client.call_async(GetParameters.Request(names=[name]))
+            future.add_done_callback(lambda future, name=name: answered(future, name))
+
+    def _of_class(self, values: dict[str, Any]) -> None:
+        name = str(values["learner"])
+        if name not in registry.names(GROUP):  # never import what somebody else names
+            self._answered = True
+            self._node.get_logger().info(f"no map of the policy: {name} is no registered learner")
             return
+        kind = learner_class(name)
         names = list(kind.Settings.__dataclass_fields__)
-        self._get(names, lambda values: self._make(kind, dict(zip(names, values, strict=True))))
+        self._get(names, lambda values: self._make(kind, values))
 
     def _make(self, kind: type[Learner], values: dict[str, Any]) -> None:
+        self._answered = True
         given = {
             name: list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
             for name, value in values.items() if value is not None

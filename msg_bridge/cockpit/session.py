@@ -38,8 +38,8 @@ class Cockpit(Protocol):
         """Call a service of the demonstrator."""
         ...
 
-    def speed(self, factor: float) -> None:
-        """Set vehicle seconds per second."""
+    def tune(self, what: str, value: float) -> None:
+        """Set one of `words.TUNED`."""
         ...
 
 
@@ -194,7 +194,7 @@ class Session:
         elif isinstance(said, words.Call):
             self._cockpit.call(said.service)
         else:
-            self._cockpit.speed(said.factor)
+            self._cockpit.tune(said.what, said.value)
 
     def condition(self) -> dict[str, Any]:
         """How many look on, for /diagnostics."""

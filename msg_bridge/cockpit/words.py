@@ -13,8 +13,9 @@ from msg_bridge.cockpit.stick import Deflection
 LONGEST = 2000
 """Characters of a message at most."""
 SERVICES = ("keep", "discard", "undo", "finish")
-SLOWEST, FASTEST = 0.1, 1.0
-"""Vehicle seconds per second that a browser may ask for."""
+TUNED = {"speed": (0.1, 1.0), "corruption": (0.0, 1.0)}
+"""What a browser may set, and from where to where: vehicle seconds per second; the probability
+that an action of a demonstration is replaced by a random one."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +43,14 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Speed:
-    """Vehicle seconds per second."""
+class Tune:
+    """One of `TUNED`."""
 
-    factor: float
+    what: str
+    value: float
 
 
-Said = Move | Ask | Give | Call | Speed
+Said = Move | Ask | Give | Call | Tune
 
 
 def read(text: str, n_buttons: int) -> Said:
@@ -79,12 +81,12 @@ def read(text: str, n_buttons: int) -> Said:
         return Move(_deflection(said, n_buttons))
     if what in ("ask", "give"):
         return Ask() if what == "ask" else Give()
-    if what == "call" and said.get("service") in SERVICES:
+    if what == "call" and str(said.get("service")) in SERVICES:
         return Call(said["service"])
-    if what == "speed":
-        factor = _number(said.get("factor"))
-        if SLOWEST <= factor <= FASTEST:
-            return Speed(factor)
+    if what == "tune" and str(said.get("what")) in TUNED:
+        value, (low, high) = _number(said.get("value")), TUNED[said["what"]]
+        if low <= value <= high:
+            return Tune(said["what"], value)
     raise InputError("message says nothing that is understood")
 
 

@@ -10,6 +10,7 @@ window.cockpit = (() => {
   const PHASES = ["Move the stick or press a key: nothing has been heard yet",
     "Move the stick to begin", "Get ready", "You fly", "Keep this episode, or discard it?",
     "The demonstration is over", "Paused: the stick was silent"];
+  const SLIDERS = {speed: (x) => `${number(x, 2)} ×`, corruption: (x) => `${Math.round(100 * x)} %`};
   const is = {}; // the newest of each part
   const keys = new Set(), touched = new Set();
   let socket = null, me = null, latched = false, pad = [0, 0], lastSaid = "", said = 0;
@@ -48,7 +49,7 @@ window.cockpit = (() => {
     else if (part === "said") toast(content);
     else if (part === "health") showHealth();
     else if (part === "piloting" || part === "takeover") showPiloting();
-    else if (part === "speed") showSpeed(content.factor);
+    else if (part in SLIDERS) showTuned(part, content);
     if (part === "scores") drawScores();
     if (part === "policy" || part === "visits") drawMaps();
   }
@@ -121,10 +122,17 @@ window.cockpit = (() => {
   }, HEARTBEAT);
 
   function call(service) { say({say: "call", service}); }
-  function speed(factor) { say({say: "speed", factor: Number(factor)}); }
-  function showSpeed(factor) {
-    $("speed").value = factor;
-    $("factor").textContent = `${number(factor, 2)} ×`;
+  function showTuned(what, value) {
+    $(what).value = value;
+    $(`${what}-is`).textContent = SLIDERS[what](value);
+  }
+  function bindSlider(what) {
+    const slider = $(what);
+    slider.addEventListener("input", () => showTuned(what, Number(slider.value)));
+    slider.addEventListener("change", () => {
+      say({say: "tune", what, value: Number(slider.value)});
+      slider.blur(); // arrow keys are the stick's again
+    });
   }
   function toggleStick() { say({say: holding() ? "give" : "ask"}); }
   function toggleTakeover() { latched = !latched; moved(false); }
@@ -218,6 +226,7 @@ window.cockpit = (() => {
         + (p.discarded ? `, ${p.discarded} discarded` : "");
     }
     if (p && p.phase === 5) text += holding() ? "; space takes over" : "; take the stick to take over";
+    if (p && p.phase === 4 && is.now && is.now.ended) text = `${is.now.ended}. ${text}`;
     if (held && p && p.phase === 5) text = "You have the vehicle; let go to hand it back";
     $("piloting").textContent = text;
     $("verdicts").style.display = p && p.phase !== 5 ? "" : "none";
@@ -434,7 +443,7 @@ window.cockpit = (() => {
     const Y = (s) => bottom - (bottom - top) * (s - low) / (high - low);
     c.textAlign = "right"; c.strokeStyle = "#e4e7eb";
     for (const t of ticks(low, high, 4)) {
-      c.fillText(number(t), left - 8, Y(t) + 4);
+      c.fillText(number(t, 6), left - 8, Y(t) + 4);
       c.beginPath(); c.moveTo(left, Y(t)); c.lineTo(right, Y(t)); c.stroke();
     }
     c.textAlign = "center";
@@ -525,8 +534,7 @@ window.cockpit = (() => {
   function begin() {
     if (!$("vehicle") || !$("health")) { setTimeout(begin, 30); return; } // not laid out yet
     bindPad();
-    $("speed").addEventListener("input", () => showSpeed(Number($("speed").value)));
-    $("speed").addEventListener("change", () => { speed($("speed").value); $("speed").blur(); });
+    Object.keys(SLIDERS).forEach(bindSlider);
     $("policy-figure").addEventListener("click", () => {
       mapShows = mapShows === "action" ? "value" : "action"; drawMaps();
     });
@@ -534,5 +542,5 @@ window.cockpit = (() => {
     requestAnimationFrame(frame);
   }
   begin();
-  return {call, speed, toggleStick, toggleTakeover, is};
+  return {call, toggleStick, toggleTakeover, is};
 })();
