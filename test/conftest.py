@@ -84,11 +84,17 @@ class Nodes:
     def log(self, name):
         return (self.folder / f"{name}.log").read_text()
 
+    def logs(self):
+        """The end of what each has said, for messages."""
+        return "\n".join(
+            f"--- {path.stem}:\n{path.read_text()[-2000:]}" for path in self.folder.glob("*.log")
+        )
+
     def wait_for(self, name, text, deadline=60.0):
         """Until a node has said `text`."""
         end = time.monotonic() + deadline
         while text not in self.log(name):
-            assert time.monotonic() < end, f"{name} never said {text!r}:\n{self.log(name)}"
+            assert time.monotonic() < end, f"{name} never said {text!r}:\n{self.logs()}"
             assert self.processes[name].poll() is None or text in self.log(name), self.log(name)
             time.sleep(0.02)
 

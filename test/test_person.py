@@ -184,10 +184,12 @@ def test_a_learner_in_the_vehicle_s_process_is_no_exception(nodes, person):
     nodes.start("graph", "-p", "learner:wait_for_demonstrations:=false")
     nodes.wait_for("graph", "acting on")
     for _ in range(3):
+        before = len(person.heard["reward"])
         person.press(True)
         person.until(lambda: person.source() == Source.HUMAN)
         person.spin(0.3)
-        held = [m.data[8] for m in person.heard["reward"][-20:]]
+        sources = [m.data[8] for m in person.heard["reward"][before:]]
+        held = sources[sources.index(Source.HUMAN) :]
         assert set(held) <= {-1.0, Source.HUMAN, Source.HOLD}
         person.press(False)
         person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
