@@ -269,15 +269,17 @@ def test_a_silent_stick_takes_nothing_and_a_latched_one_is_let_go(nodes, person)
     learn(nodes)
     for silent in (False, True):
         person.press(True)
-        person.press(False)  # and stays taken over
         person.until(lambda: person.piloting()["held"] == 1.0)
+        person.press(False)
         person.until(lambda: person.source() == Source.HUMAN)
+        person.spin(0.3)
+        assert person.piloting()["held"] == 1.0  # and stays taken over
         if silent:
             person.timer.cancel()
         else:
             person.press(True)
-            person.press(False)
         person.until(lambda: person.piloting()["held"] == 0.0)
+        person.press(False)
         person.until(lambda: person.source() in (Source.EXPLOIT, Source.EXPLORE))
 
 
