@@ -1,7 +1,7 @@
 PYTEST = .venv/bin/python -m pytest -rs -n auto --maxprocesses 8 --dist worksteal
 PROPERTIES = $(shell grep -l '^from hypothesis import' test/test_*.py)
 
-.PHONY: demo cockpit test test-all properties mutants bench clean
+.PHONY: test-browser demo cockpit test test-all properties mutants bench clean
 
 demo: ## learn to swing up a pendulum, on a real ROS 2 graph
 	@scripts/venv.sh run
@@ -20,7 +20,11 @@ test: ## lint, types, and all tests that are quick
 
 test-all: ## the slow tests
 	@scripts/venv.sh test
-	$(PYTEST) -m slow --timeout 900
+	$(PYTEST) -m 'slow and not browser' --timeout 900
+
+test-browser: ## the cockpit's page in Debian's Chromium, on a machine that does nothing else
+	@scripts/venv.sh test
+	.venv/bin/python -m pytest -m browser --timeout 900
 
 properties: ## many more examples of each property
 	@scripts/venv.sh test

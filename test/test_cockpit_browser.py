@@ -21,7 +21,7 @@ from sim_nodes.tasks import task_class
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.pendulum.pilot import Perform
 
-pytestmark = [pytest.mark.slow, needs_chromium]
+pytestmark = [pytest.mark.slow, pytest.mark.browser, needs_chromium]
 
 
 @pytest.fixture

@@ -17,7 +17,8 @@ def test_a_harmed_graph_goes_on_with_what_it_had(tmp_path):
     assert np.isfinite(run.scores).all()
     logs = {name: (tmp_path / f"{name}.log").read_text() for name in ("learner", "simulator")}
     assert "Traceback" not in "".join(logs.values())
-    assert logs["learner"].count("resumed from") >= run.kills["learner"] - 1  # or nothing was saved
+    begun = sum(logs["learner"].count(w) for w in ("resumed from", "no whole checkpoint"))
+    assert 1 <= begun <= 1 + run.kills["learner"]  # one that was killed at once said neither
     assert checkpoint.read(tmp_path / "checkpoint.npz").about["parts"]["learner"]["step"] > 0
 
 
