@@ -13,6 +13,35 @@ REPEAT = 0.1
 """Seconds at most between two words of who holds the vehicle."""
 
 
+LOOK = 0.05
+"""Seconds between two looks of who listens."""
+
+
+class Listening:
+    """A clock on which only the time passes in which somebody listened.
+
+    A process that computed, or got no processor, has words waiting that it has not heard: nobody
+    was silent meanwhile.
+
+    Parameters
+    ----------
+    clock : callable
+        Seconds on a steady clock.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._passed, self._looked = 0.0, clock()
+
+    def __call__(self) -> float:
+        """Seconds."""
+        return self._passed + min(self._clock() - self._looked, 2 * LOOK)
+
+    def look(self) -> None:
+        """Say that what was said until now could be heard; call it every `LOOK`."""
+        self._passed, self._looked = self(), self._clock()
+
+
 class Takeover:
     """Who may act: anybody, or a person alone.
 

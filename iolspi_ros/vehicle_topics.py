@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray, String
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.takeover import Takeover
+from iolspi_ros.takeover import LOOK, Listening, Takeover
 from iolspi_ros.task import TaskDescription
 
 
@@ -44,7 +44,9 @@ class VehicleTopics:
         self, node: Node, task: TaskDescription, handed: Callable[[], None] = lambda: None
     ) -> None:
         self._node, self._task, self._handed = node, task, handed
-        self.takeover = Takeover()
+        listening = Listening()
+        self.takeover = Takeover(listening)
+        self._looking = runtime.wall_timer(node, LOOK, listening.look)
         self._states = wire.states(task)
         self._action_rows = wire.Rows("action", wire.ACTION)
         self._reward_rows = wire.RewardRows()
@@ -126,6 +128,7 @@ class VehicleTopics:
         for publisher in (self._state_out, self._reward_out, self._task_out):
             self._node.destroy_publisher(publisher)
         self._node.destroy_subscription(self._takeover_in)
+        self._node.destroy_timer(self._looking)
 
 
 class TaskListener:

@@ -1,6 +1,7 @@
 """A person at the stick of whole nodes: takes over, demonstrates, and loses the stick."""
 
 import signal
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -103,10 +104,14 @@ def person(ros):
 
 
 def stand_by(nodes, *arguments):
-    """A demonstrator that has demonstrated, and is there to take over."""
+    """A demonstrator that has demonstrated, and is there to take over.
+
+    A stick that is silent for half a second gives back; this one's person hears thousands of
+    messages a second beside, and is late with their own.
+    """
     nodes.start(
         "demonstrator", "-p", "source:=scripted", "-p", "episodes:=1", "-p", "takeover_button:=0",
-        *arguments,
+        "-p", "joy_timeout:=5.0", *arguments,
     )  # fmt: skip
     nodes.wait_for("demonstrator", "button 0 takes the vehicle over")
 
@@ -117,13 +122,6 @@ def learn(nodes, *arguments):
 
 
 # ---------------------------------------------------------------- takeover
-
-
-UNEXPLAINED = pytest.mark.xfail(
-    strict=False,
-    reason="open: in real time one step in thousands that is learned from is, now and then, not "
-    "among those that a watching node heard; not known whether it is wrong or was missed there",
-)
 
 
 def steps(person):
@@ -141,9 +139,8 @@ def steps(person):
 
 @pytest.mark.parametrize(
     ("count", "mode"),
-    [(12, "lockstep"), pytest.param(12, "realtime", marks=UNEXPLAINED),
-     pytest.param(100, "lockstep", marks=pytest.mark.slow),
-     pytest.param(100, "realtime", marks=[pytest.mark.slow, UNEXPLAINED])],
+    [(12, "lockstep"), (12, "realtime"), pytest.param(100, "lockstep", marks=pytest.mark.slow),
+     pytest.param(100, "realtime", marks=pytest.mark.slow)],
 )  # fmt: skip
 def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp_path, count, mode):
     """Each transition learned from is one that the vehicle made, once, and says who flew it."""
@@ -166,8 +163,11 @@ def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp
     learned = np.fromfile(notes).reshape(-1, 2 * TASK.n_dims + 5)
     keys = [row[:2].tobytes() + row[4:6].tobytes() for row in learned]
     assert len(set(keys)) == len(keys)  # none twice
-    person.until(lambda: set(keys) <= set(steps(person)))  # what it has not heard yet comes
-    made, seen = steps(person), person.observations()
+    made, end = steps(person), time.monotonic() + 60.0
+    while not set(keys) <= set(made) and time.monotonic() < end:
+        person.spin(1.0)  # what the peer has not heard yet, DDS sends again within seconds
+        made = steps(person)
+    seen = person.observations()
     assert [made[key] for key in keys] == learned.tolist()
     shown = int((learned[:, -1] == Source.HUMAN).sum())
     assert shown >= count
@@ -193,11 +193,6 @@ def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp
                          "then counted as two takeovers")  # fmt: skip
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="a vehicle whose own process computes for longer than 0.3 s takes who holds it for "
-    "silent, and lets the learner act until it has heard them again",
-)
 def test_a_learner_in_the_vehicle_s_process_is_no_exception(nodes, person):
     nodes.start("simulator")
     stand_by(nodes)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from iolspi_ros.core.learner import Source
-from iolspi_ros.takeover import Takeover
+from iolspi_ros.takeover import LOOK, Listening, Takeover
 
 OTHERS = (Source.EXPLOIT, Source.EXPLORE, Source.SCRIPTED, Source.SHIELD, -1, 99)
 
@@ -81,3 +81,22 @@ def test_it_is_held_by_its_last_word_and_for_no_longer_than_that_is_fresh(words)
             takeover.hear(word)
             last, when = word, clock.now
         assert takeover.held == (last and clock.now - when <= 0.3)
+
+
+@given(st.floats(0.5, 100.0), st.floats(0.0, 0.1))
+def test_who_could_not_be_heard_was_not_silent(computed, age):
+    """The vehicle's process computed; what was said meanwhile still waits."""
+    clock = Clock()
+    listening = Listening(clock)
+    takeover = Takeover(listening)
+    takeover.hear(True)
+    clock.now += age
+    listening.look()
+    clock.now += computed
+    assert takeover.held
+    listening.look()
+    assert takeover.held
+    for _ in range(8):  # and then it is silent indeed
+        clock.now += LOOK
+        listening.look()
+    assert not takeover.held

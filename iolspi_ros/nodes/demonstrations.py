@@ -9,8 +9,9 @@ from iolspi_ros import wire
 from iolspi_ros.core.samples import Sample, Transitions
 from iolspi_ros.task import TaskDescription
 
-PATIENCE = 2.0
-"""Seconds without a new sample after which those still missing are given up."""
+PATIENCE = 10.0
+"""Seconds without a new sample after which those still missing are given up; DDS notices what its
+transport dropped at its next heartbeat, every three seconds."""
 
 
 class Demonstrations:
