@@ -11,10 +11,10 @@ PATIENCE = 0.3
 """Seconds without a word after which a holder, or the action of a person, is gone."""
 REPEAT = 0.1
 """Seconds at most between two words of who holds the vehicle."""
-
-
 LOOK = 0.05
 """Seconds between two looks of who listens."""
+Key = tuple[float, float]
+"""Episode and step of an observation."""
 
 
 class Listening:
@@ -60,6 +60,7 @@ class Takeover:
         self._clock = clock
         self._said = False
         self._heard = self._acted = 0.0
+        self._let_go = (-1.0, -1.0)
         self.count = 0
 
     @property
@@ -67,24 +68,33 @@ class Takeover:
         """Whether a person has the vehicle now."""
         return self._said and self._clock() - self._heard <= PATIENCE
 
-    def hear(self, held: bool) -> None:
-        """Take what `takeover` says."""
+    def hear(self, held: bool, seen: Key) -> None:
+        """Take what `takeover` says, and the observation seen last by who says it."""
         now = self._clock()
         if held and not self.held:
             self._acted = now
             self.count += 1
         self._said, self._heard = held, now
+        if not held:
+            self._let_go = seen
 
-    def takes(self, source: int, neutral: bool) -> bool:
+    def takes(self, source: int, neutral: bool, seen: Key) -> bool:
         """Whether an action is taken, by who chose it; a person's is remembered as fresh.
+
+        A person who answers what came after they gave the vehicle back has taken it: the word
+        that says so is under way, on another topic.
 
         Parameters
         ----------
         source : int
         neutral : bool
             It is the neutral one, which as a hold is anybody's.
+        seen : (float, float)
+            The observation that it answers.
         """
         if source in PERSON:
+            if seen > self._let_go:
+                self.hear(True, seen)
             self._acted = self._clock()
             return True
         return not self.held or (neutral and source == Source.HOLD)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,16 +105,24 @@ class VehicleTopics:
 
     def admits(self, answer: Answer) -> bool:
         """Whether who chose it may act."""
-        return self.takeover.takes(answer.source, answer.action == self._task.neutral)
+        neutral, seen = answer.action == self._task.neutral, (answer.episode, answer.step)
+        with self._handing():
+            return self.takeover.takes(answer.source, neutral, seen)
 
     def _on_takeover(self, message: Any) -> None:
         try:
-            *_, held = self._takeover_rows.read(message)
+            episode, step, _, _, held = self._takeover_rows.read(message)
         except InputError as error:
             self._ignore(error)
             return
+        with self._handing():
+            self.takeover.hear(held > 0.5, (episode, step))
+
+    @contextmanager
+    def _handing(self) -> Iterator[None]:
+        """Say it when the vehicle is taken or given back meanwhile."""
         before = self.takeover.held
-        self.takeover.hear(held > 0.5)
+        yield
         if self.takeover.held != before:
             self._handed()
 

@@ -8,6 +8,7 @@ from iolspi_ros.core.learner import Source
 from iolspi_ros.takeover import LOOK, Listening, Takeover
 
 OTHERS = (Source.EXPLOIT, Source.EXPLORE, Source.SCRIPTED, Source.SHIELD, -1, 99)
+SEEN = (3, 7)
 
 
 class Clock:
@@ -28,47 +29,66 @@ def takeover(clock):
 
 
 def test_while_it_is_held_a_person_alone_acts(takeover, clock):
-    assert all(takeover.takes(source, False) for source in (*Source, *OTHERS))
-    takeover.hear(True)
+    assert all(takeover.takes(source, False, SEEN) for source in OTHERS)
+    takeover.hear(True, SEEN)
     assert takeover.held
-    assert takeover.takes(Source.HUMAN, False)
-    assert takeover.takes(Source.CORRUPTED, False)
-    assert not any(takeover.takes(source, neutral) for source in OTHERS for neutral in (0, 1))
-    assert takeover.takes(Source.HOLD, True)
-    assert not takeover.takes(Source.HOLD, False)
-    takeover.hear(False)
-    assert takeover.takes(Source.EXPLOIT, False)
+    assert takeover.takes(Source.HUMAN, False, SEEN)
+    assert takeover.takes(Source.CORRUPTED, False, SEEN)
+    assert not any(takeover.takes(source, neutral, SEEN) for source in OTHERS for neutral in (0, 1))
+    assert takeover.takes(Source.HOLD, True, SEEN)
+    assert not takeover.takes(Source.HOLD, False, SEEN)
+    takeover.hear(False, SEEN)
+    assert takeover.takes(Source.EXPLOIT, False, SEEN)
 
 
 def test_who_is_silent_holds_nothing(takeover, clock):
-    takeover.hear(True)
+    takeover.hear(True, SEEN)
     for _ in range(10):
         clock.now += 0.29
         assert takeover.held
-        takeover.hear(True)
+        takeover.hear(True, SEEN)
     clock.now += 0.31
     assert not takeover.held
-    assert takeover.takes(Source.EXPLORE, False)
+    assert takeover.takes(Source.EXPLORE, False, SEEN)
     assert not takeover.silent  # it is not held, so nobody's neutral action is due
     assert takeover.count == 1
-    takeover.hear(True)
+    takeover.hear(True, SEEN)
     assert takeover.count == 2
 
 
 def test_neutral_is_due_when_the_person_has_not_acted_for_so_long(takeover, clock):
-    takeover.hear(True)
+    takeover.hear(True, SEEN)
     for _ in range(5):
         clock.now += 0.2
-        takeover.hear(True)
+        takeover.hear(True, SEEN)
         assert not takeover.silent
-        takeover.takes(Source.HUMAN, False)
+        takeover.takes(Source.HUMAN, False, SEEN)
     clock.now += 0.2
-    takeover.hear(True)
-    takeover.takes(Source.HOLD, True)  # is nobody's
+    takeover.hear(True, SEEN)
+    takeover.takes(Source.HOLD, True, SEEN)  # is nobody's
     clock.now += 0.11
     assert takeover.silent
-    takeover.takes(Source.HUMAN, True)
+    takeover.takes(Source.HUMAN, True, SEEN)
     assert not takeover.silent
+
+
+def test_who_acts_after_giving_back_has_it_before_the_word_is_heard(takeover, clock):
+    """And what was on its way when they gave it back takes nothing."""
+    assert takeover.takes(Source.HUMAN, False, (0, 0))  # whoever never says anything, too
+    assert takeover.held
+    takeover.hear(False, SEEN)
+    for late in (SEEN, (3, 6), (2, 100)):
+        assert takeover.takes(Source.HUMAN, False, late)
+        assert not takeover.held
+    assert takeover.takes(Source.HUMAN, False, (3, 8))
+    assert not takeover.takes(Source.EXPLOIT, False, (3, 8))
+    clock.now += 0.29
+    takeover.takes(Source.CORRUPTED, False, (4, 0))  # as good as a word
+    clock.now += 0.29
+    assert takeover.held
+    assert takeover.count == 2
+    clock.now += 0.02
+    assert not takeover.held
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.5), st.sampled_from([True, False, None])), max_size=30))
@@ -78,7 +98,7 @@ def test_it_is_held_by_its_last_word_and_for_no_longer_than_that_is_fresh(words)
     for wait, word in words:
         clock.now += wait
         if word is not None:
-            takeover.hear(word)
+            takeover.hear(word, SEEN)
             last, when = word, clock.now
         assert takeover.held == (last and clock.now - when <= 0.3)
 
@@ -89,7 +109,7 @@ def test_who_could_not_be_heard_was_not_silent(computed, age):
     clock = Clock()
     listening = Listening(clock)
     takeover = Takeover(listening)
-    takeover.hear(True)
+    takeover.hear(True, SEEN)
     clock.now += age
     listening.look()
     clock.now += computed
