@@ -8,19 +8,18 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol
 
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
@@ -31,6 +30,8 @@ from iolspi_ros.errors import InputError
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that ask a process of ours to save and end."""
+WAIT = 0.05
+"""Seconds at most without a look whether a signal has come: what spins is not woken by one."""
 GLANCE, MOST_EVENTS = 0.002, 50
 """Seconds without an event after which nodes in one process go on stepping; events at most."""
 RCLError: type[Exception] = rclpy_implementation.RCLError
@@ -52,13 +53,49 @@ def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Tim
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def publish(publisher: Publisher, message: Any) -> None:
-    """Publish, unless a signal has just ended the context."""
+class _Asked:
+    """Whether a signal has asked this process to end."""
+
+    told = False
+
+
+def ok() -> bool:
+    """Whether the graph is there, and no signal has asked this process to end.
+
+    A signal shuts no context down: an executor that is just taking in its entities would not
+    survive that, and who is ended can still say its last word.
+    """
+    return not _Asked.told and rclpy.ok()
+
+
+@contextmanager
+def session(
+    arguments: Sequence[str] | None = None, interrupt: Callable[[], None] = lambda: None
+) -> Iterator[None]:
+    """Be in a graph; of the signals that ask for an end the first makes `ok` false.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line with `--ros-args`; that of the process by default.
+    interrupt : callable
+        Called besides, in the main thread, at each of them.
+    """
+
+    def ask(*_: object) -> None:
+        _Asked.told = True
+        interrupt()
+
+    _Asked.told = False
+    for number in ENDS:
+        ignored = signal.getsignal(number) is signal.SIG_IGN
+        if number in (signal.SIGINT, signal.SIGTERM) or not ignored:  # as SIGHUP is below nohup
+            signal.signal(number, ask)
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        publisher.publish(message)
-    except RCLError:
-        if rclpy.ok():
-            raise
+        yield
+    finally:
+        rclpy.try_shutdown()
 
 
 class Nodes(Protocol):
@@ -81,21 +118,17 @@ def main(
     make: Callable[[Sequence[str]], Node | Nodes],
     name: str,
     arguments: Sequence[str] | None = None,
-    *,
-    last_word: bool = False,
 ) -> int:
     """Run one node, or some in one process, until told to stop.
 
     Parameters
     ----------
     make : callable
-        Makes the node from the arguments; it has a method `close`.
+        Makes the node from the arguments; it has a method `close`, in which it can still publish.
     name : str
         For messages.
     arguments : sequence of str, optional
         Command line with `--ros-args`; that of the process by default.
-    last_word : bool
-        After a signal the node can still publish while it is closed; else the context is down.
 
     Returns
     -------
@@ -104,50 +137,39 @@ def main(
         could not be put away where it belongs.
     """
     made: list[Node | Nodes] = []
-    begun, making, told = False, True, False
-    handlers = SignalHandlerOptions.NO if last_word else None
+    making = True
 
-    def interrupt(*_: object) -> None:
-        # rclpy's own handler, which calls this one, shuts the context down and so ends the
-        # loop; an exception from here would land anywhere, also in the executor's C++.
-        nonlocal making, told
-        told = True
+    def interrupt() -> None:
+        # Once it spins an exception from here would land anywhere, also in the executor's C++.
+        nonlocal making
         if making:
             making = False  # a second signal must not interrupt how the first one is handled
             raise KeyboardInterrupt
 
-    handle_ends(interrupt)
     status = 0
     try:
         environment.check()
         given = sys.argv if arguments is None else arguments
-        rclpy.init(args=without_files(given), signal_handler_options=handlers)
-        begun = True
-        made.append(make(given))
-        making = False
-        spin(made[0], lambda: told and last_word)
+        with session(without_files(given), interrupt):
+            try:
+                made.append(make(given))
+                making = False
+                spin(made[0])
+            finally:
+                making = False
+                # A second Ctrl-C, or that for the whole process group, must not cut the saving.
+                for number in ENDS:
+                    signal.signal(number, signal.SIG_IGN)
+                for node in (node for one in made for node in _nodes(one)):
+                    status = max(status, _put_away(node, name))
     except KeyboardInterrupt:
         pass
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)
         status = 2
-    except (RCLError, NotInitializedException, InvalidHandle) as error:
-        if not begun or rclpy.ok():  # otherwise a signal came while the node was being made
-            # A parameter that is no YAML.
-            print(f"{name}: {_first_line(error)}", file=sys.stderr)
-            status = 2
-    except Exception:
-        if not begun or rclpy.ok():  # otherwise what was being made missed its context
-            raise
-    finally:
-        making = False
-        # A second Ctrl-C, or the one sent to the whole process group, must not cut the saving.
-        for number in ENDS:
-            signal.signal(number, signal.SIG_IGN)
-        for node in (node for one in made for node in _nodes(one)):
-            status = max(status, _put_away(node, name))
-        with contextlib.suppress(RCLError):  # rclpy's handler of a late signal was first
-            rclpy.try_shutdown()
+    except RCLError as error:  # of a parameter that is no YAML
+        print(f"{name}: {_first_line(error)}", file=sys.stderr)
+        status = 2
     if computing():  # nobody waits for that any more, and an orderly end would
         sys.stdout.flush()
         sys.stderr.flush()
@@ -155,25 +177,12 @@ def main(
     return status
 
 
-def handle_ends(interrupt: Callable[..., None]) -> None:
-    """Let every signal that asks for an end do what SIGINT and SIGTERM do.
-
-    rclpy has handlers for those two alone, which wake its executors; the others are passed on as
-    SIGTERM. A signal that is ignored from the start, as SIGHUP is below nohup, stays so.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
-    for number in (signal.SIGHUP, signal.SIGQUIT):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: signal.raise_signal(signal.SIGTERM))
-
-
 def _nodes(made: Node | Nodes) -> Sequence[Node]:
     return [made] if isinstance(made, Node) else made.nodes
 
 
-def spin(made: Node | Nodes, told: Callable[[], bool] = lambda: False) -> None:
-    """Handle events until the context is shut down, or `told` to end.
+def spin(made: Node | Nodes) -> None:
+    """Handle events as long as `ok`.
 
     Raises
     ------
@@ -187,19 +196,16 @@ def spin(made: Node | Nodes, told: Callable[[], bool] = lambda: False) -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
-    context = nodes[0].context
-    try:
-        while context.ok() and not told():
+    with contextlib.suppress(ExternalShutdownException):
+        while ok():
             busy = pump is not None and pump()
             if busy:
                 _look_in(loop, nodes)
             else:
-                _spin_once(loop, nodes, 0.25)
+                _spin_once(loop, nodes, WAIT)
             for node in nodes:
                 if (failure := getattr(node, "failure", None)) is not None:
                     raise failure
-    except ExternalShutdownException:
-        pass
 
 
 def _look_in(loop: Executor, nodes: Sequence[Node]) -> None:
@@ -215,8 +221,6 @@ def _spin_once(loop: Executor, nodes: Sequence[Node], timeout: float) -> None:
     try:
         loop.spin_once(timeout_sec=timeout)
     except RCLError as error:
-        if not rclpy.ok():  # a signal came while a callback was publishing
-            return
         if not isinstance(nodes[0], LifecycleNode):
             raise
         # Asked for a transition that its state does not have; rclpy would end the node for that.

@@ -64,7 +64,7 @@ class VehicleTopics:
         self.local = False
         """Whether who acts is in this process, and takes what is pending itself."""
         self._pending: Observation | None = None
-        runtime.publish(self._task_out, wire.task_message(task))
+        self._task_out.publish(wire.task_message(task))
 
     def show(self, observation: Observation) -> None:
         """Make an observation the one that is published."""
@@ -79,8 +79,8 @@ class VehicleTopics:
         if self._packed is None:
             self._packed = (self._states.of(self._shown), self._reward_rows.of(self._shown))
         state, reward = self._packed
-        runtime.publish(self._state_out, state)
-        runtime.publish(self._reward_out, reward)
+        self._state_out.publish(state)
+        self._reward_out.publish(reward)
 
     def take_pending(self) -> Observation | None:
         """What was published since the last call."""

@@ -105,7 +105,7 @@ class Vitals:
             if crowd:
                 self._node.get_logger().warning(crowd)
         report.values |= {"memory [MB]": round(memory() / 1e6, 1), "open files": open_files()}
-        runtime.publish(self._out, report.message(self._node, self._what))
+        self._out.publish(report.message(self._node, self._what))
 
     def crowd(self) -> str:
         """Who publishes where only one may, in words; empty for nobody."""

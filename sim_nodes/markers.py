@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
-from iolspi_ros import qos, runtime, wire
+from iolspi_ros import qos, wire
 from iolspi_ros.core.samples import Observation
 from sim_nodes import pictures
 from sim_nodes.tasks.base import Task
@@ -55,7 +55,7 @@ class Markers:
         shapes = pictures.picture(self._task, observation.state)
         if observation.terminated and self._before is not None:
             shapes += _fall(self._task, self._before, observation)
-        runtime.publish(self._out, message(shapes, observation.stamp))
+        self._out.publish(message(shapes, observation.stamp))
 
     def close(self) -> None:
         """Show nothing more."""

@@ -254,7 +254,7 @@ class Simulator(ManagedNode):
         if self._clock_out is not None and self._clock_out.get_subscription_count():
             now = self._clock_message.clock
             now.sec, now.nanosec = wire.split(self._observation.stamp)
-            runtime.publish(self._clock_out, self._clock_message)
+            self._clock_out.publish(self._clock_message)
         self._topics.publish()
         self._markers.show(self._observation)
 

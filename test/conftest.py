@@ -108,6 +108,8 @@ class Nodes:
             if process.poll() is None:
                 process.kill()
                 process.wait()
+            if process.returncode:
+                print(f"--- {name} ended with {process.returncode}:\n{self.log(name)}")
 
     def finish(self, node, *arguments, deadline=60.0):
         """Run a node to its own end; exit status and what it said."""

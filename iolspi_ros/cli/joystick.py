@@ -62,8 +62,7 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
     from iolspi_ros import environment, qos, runtime
 
     environment.keep_to_this_machine()
-    rclpy.init()
-    try:
+    with runtime.session():
         node = rclpy.create_node("calibration")
         heard, since = 0, time.monotonic()
 
@@ -79,6 +78,8 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
         executor.add_node(node)
         _say(calibration)
         while calibration.question:
+            if not runtime.ok():
+                raise KeyboardInterrupt
             if time.monotonic() - since > patience:
                 name = node.resolve_topic_name(topic)
                 raise InputError(
@@ -87,8 +88,6 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
                 )
             executor.spin_once(timeout_sec=0.1)
         node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
 
 
 def _say(calibration: Any) -> None:

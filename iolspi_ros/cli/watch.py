@@ -33,32 +33,29 @@ def watch(
 
     environment.check()
     environment.keep_to_this_machine()
-    rclpy.init()
-    node, board = rclpy.create_node("watch"), Board()
-    watching = Watching(node, board, lambda task: None)
-    loop = runtime.executor()
-    loop.add_node(node)
-    end = time.monotonic() + (float("inf") if seconds is None else seconds)
-    try:
-        if console.is_terminal:
-            with Live(console=console, auto_refresh=False, transient=True) as live:
-                _every(loop, PERIOD, end, lambda: live.update(view_of(board), refresh=True))
-        else:
-            _every(loop, LINES * PERIOD, end, lambda: print(line_of(board), flush=True))
-    except KeyboardInterrupt:
-        pass
-    finally:
-        watching.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
+    with runtime.session():
+        node, board = rclpy.create_node("watch"), Board()
+        watching = Watching(node, board, lambda task: None)
+        loop = runtime.executor()
+        loop.add_node(node)
+        end = time.monotonic() + (float("inf") if seconds is None else seconds)
+        try:
+            if console.is_terminal:
+                with Live(console=console, auto_refresh=False, transient=True) as live:
+                    _every(loop, PERIOD, end, lambda: live.update(view_of(board), refresh=True))
+            else:
+                _every(loop, LINES * PERIOD, end, lambda: print(line_of(board), flush=True))
+        finally:
+            watching.close()
+            node.destroy_node()
 
 
 def _every(loop: Any, period: float, end: float, show: Any) -> None:
     """Handle events, and show something every so many seconds."""
-    import rclpy
+    from iolspi_ros import runtime
 
     due = time.monotonic()
-    while time.monotonic() < end and rclpy.ok():
+    while time.monotonic() < end and runtime.ok():
         if time.monotonic() >= due:
             show()
             due = time.monotonic() + period

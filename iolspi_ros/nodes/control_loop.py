@@ -261,7 +261,7 @@ class ControlLoop:
 
     def _publish(self) -> None:
         if not self._local or self._out.get_subscription_count():
-            runtime.publish(self._out, self._answer)
+            self._out.publish(self._answer)
 
     def _started_anew(self, key: tuple[int, int]) -> bool:
         """Whether the simulator counts from the beginning again: only old keys for a while."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
@@ -238,10 +237,8 @@ class Demonstrator(ManagedNode):
         while self._waiting:
             try:
                 self._sample_out.publish(self._waiting[0])
-            except RCLError:
-                if rclpy.ok():  # the writer's queue stayed full for as long as DDS blocks
-                    return False
-                raise
+            except RCLError:  # the writer's queue stayed full for as long as DDS blocks
+                return False
             self._waiting.popleft()
         return True
 
@@ -270,7 +267,7 @@ class Demonstrator(ManagedNode):
         bag, self._bag = self._bag, None
         bag.close()
         bags.write_card(bag.path, self._card())
-        # Printed: after a signal nothing can be logged to the graph any more.
+        # Printed: to be read at any log level.
         print(f"demonstrator: {self.recorded} samples are in {bag.path}", file=sys.stderr)
 
     def _diagnose(self) -> Report:

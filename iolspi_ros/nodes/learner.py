@@ -169,7 +169,7 @@ class LearnerNode(ManagedNode):
                 return
             found = self._last_words(core)
             if core.step or core.n_samples or len(self._demonstrations):
-                # Printed: after a signal nothing can be logged to the graph any more.
+                # Printed: to be read at any log level.
                 print(f"learner: {self._saving.keeper().save(found)}", file=sys.stderr)
         finally:
             self._saving.close()

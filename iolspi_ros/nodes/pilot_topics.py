@@ -52,10 +52,10 @@ class PilotTopics:
         said = (phase, *self._episodes, round(countdown, 1), held, self._n_episodes)
         if said != self._said:
             self._said = said
-            runtime.publish(self._piloting_out, self._piloting_rows.message(*self._key, *said))
+            self._piloting_out.publish(self._piloting_rows.message(*self._key, *said))
 
     def _hold(self) -> None:
-        runtime.publish(self._takeover_out, self._takeover_rows.message(*self._key, self.held))
+        self._takeover_out.publish(self._takeover_rows.message(*self._key, self.held))
 
     def _repeat(self) -> None:
         if self.held:

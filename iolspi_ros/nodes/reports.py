@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, runtime, wire
+from iolspi_ros import qos, wire
 from iolspi_ros.core.learner import PERSON, Learner, Source, Update
 from iolspi_ros.core.samples import Array, Observation
 
@@ -58,7 +58,7 @@ class Reports:
         if observation.last:
             sums = (self._score, self._discounted, self._explored, self._interventions)
             values = (*self._head(), *sums)
-            runtime.publish(self._score_out, self._score_rows.message(*values))
+            self._score_out.publish(self._score_rows.message(*values))
 
     def _watch(self, source: int) -> None:
         """Count how often a person takes over; what the vehicle holds meanwhile is still theirs."""
@@ -82,12 +82,12 @@ class Reports:
             float(np.linalg.norm(core.snapshot)), update.change, core.epsilon, core.n_samples,
             update.step, *update.facts.values(),
         )  # fmt: skip
-        runtime.publish(self._update_out, message)
+        self._update_out.publish(message)
 
     def weights(self) -> None:
         """Publish the weights in use."""
         message = wire.weights_message(self._core.snapshot, self._core.updates)
-        runtime.publish(self._weights_out, message)
+        self._weights_out.publish(message)
 
     def condition(self) -> tuple[dict[str, object], str]:
         """How the learner is, by name, and what is wrong with it; empty for nothing."""

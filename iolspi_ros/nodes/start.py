@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import importlib
 import os
 import signal
@@ -29,6 +30,7 @@ PARENT = "IOLSPI_PARENT"
 
 def start(node: str) -> int:
     """Import and run a node; until it runs, a signal to end ends the process with 0."""
+    faulthandler.enable()  # a crash below Python says where it was
     follow_parent()
     prepare()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):

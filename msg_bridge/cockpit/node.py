@@ -114,7 +114,7 @@ class CockpitNode(ManagedNode):
             return
         message = Joy(axes=list(at.axes), buttons=list(at.buttons))
         message.header.stamp = self.get_clock().now().to_msg()
-        runtime.publish(self._joy, message)
+        self._joy.publish(message)
 
     def call(self, service: str) -> None:
         """Call a service of the demonstrator, and show its answer."""

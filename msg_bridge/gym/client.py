@@ -99,7 +99,7 @@ class GraphClient:
             self._newest = key
             self._seen.append(observation)
         elif key == answered:  # it is repeated: the answer was lost, or is late
-            runtime.publish(self._out, answer)
+            self._out.publish(answer)
 
     def _on_conflict(self, text: str) -> None:
         self._conflict = text
@@ -111,7 +111,7 @@ class GraphClient:
         key = (observation.episode, observation.step)
         packed = self._rows.pack(*key, *wire.split(observation.stamp), action, source)
         self._answered = (key, packed)
-        runtime.publish(self._out, packed)
+        self._out.publish(packed)
 
     def following(self, observation: Observation) -> list[Observation]:
         """What came after an observation: one in lockstep, perhaps more in real time."""

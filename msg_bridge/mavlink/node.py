@@ -144,7 +144,7 @@ class Bridge(ManagedNode):
         self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
         kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
         self._preflight = Preflight(
-            self._link, settings, flight, self._vehicle_clock, kept, self._found, self.context.ok
+            self._link, settings, flight, self._vehicle_clock, kept, self._found, runtime.ok
         )
         profile = self._preflight.run()
         self._flight = Flight(
@@ -163,7 +163,7 @@ class Bridge(ManagedNode):
             self._runner.stop()
         if self._flight is not None:
             for failed in self._preflight.restore(self._flight.profile):
-                # Printed: after a signal nothing can be logged to the graph any more.
+                # Printed: to be read at any log level.
                 print(f"bridge: {failed}; it stays as it is", file=sys.stderr)
         if self._link is not None:
             self._link.close()
@@ -203,7 +203,7 @@ class Bridge(ManagedNode):
     def _changed(self, change: AuthorityChange) -> None:
         key = (change.episode, change.step, *wire.split(round(change.time * 1e9)))
         row = self._authority_rows.message(*key, change.phase, change.authority)
-        runtime.publish(self._authority_out, row)
+        self._authority_out.publish(row)
 
     def _diagnose(self) -> None:
         if not self._checklist:
@@ -224,7 +224,7 @@ class Bridge(ManagedNode):
     def _report(self, statuses: list[DiagnosticStatus]) -> None:
         message = DiagnosticArray(status=statuses)
         message.header.stamp = self.get_clock().now().to_msg()
-        runtime.publish(self._diagnostics_out, message)
+        self._diagnostics_out.publish(message)
 
     # ------------------------------------------------------------ in
 

@@ -249,9 +249,9 @@ class Vehicle(ManagedNode):
             trouble or str(self._drive.phase),
             {**values, **self._drive.counts},
         )
-        runtime.publish(self._diagnostics_out, message)
+        self._diagnostics_out.publish(message)
 
 
 def main() -> int:
     """Run the vehicle."""
-    return runtime.main(Vehicle, "vehicle", last_word=True)
+    return runtime.main(Vehicle, "vehicle")

@@ -9,7 +9,6 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from iolspi_ros import runtime
 from iolspi_ros.errors import InputError
 from iolspi_ros.unheard import name_of, unheard
 from msg_bridge.ros.description import Output, Robot
@@ -67,7 +66,7 @@ class Wiring:
             message = messages[action]
             if hasattr(message, "header"):
                 message.header.stamp = self._node.get_clock().now().to_msg()
-            runtime.publish(publisher, message)
+            publisher.publish(message)
 
     def put_at_start(self, placed: Callable[[str], None]) -> bool:
         """Have the robot put at a start; false when nobody can be asked.
@@ -76,7 +75,7 @@ class Wiring:
         """
         if self._start_out is not None:
             assert self._robot.reset.message is not None
-            runtime.publish(self._start_out, self._robot.reset.message.message(0))
+            self._start_out.publish(self._robot.reset.message.message(0))
         if self._client is None:
             placed("")
             return True
