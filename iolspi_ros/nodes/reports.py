@@ -35,6 +35,7 @@ class Reports:
         self._kept = self._all_interventions = 0
         self._pretraining = "none"
         self._key = (0, 0)
+        self._episode = -1  # whose sums those are; -1 for that of whatever comes next
         self._begin()
 
     def _begin(self) -> None:
@@ -44,9 +45,10 @@ class Reports:
 
     def answered(self, observation: Observation, source: Source) -> None:
         """Add a reward to the score of its episode; publish the score at the end."""
-        if observation.step == 0:
-            self._begin()
-        elif math.isfinite(observation.reward):
+        if observation.step == 0 or self._episode not in (-1, observation.episode):
+            self._begin()  # the first observation of an episode may have been missed
+        self._episode = observation.episode
+        if observation.step > 0 and math.isfinite(observation.reward):
             self._score += observation.reward
             gamma = self._core.task.gamma
             self._discounted += gamma ** (observation.step - 1) * observation.reward
@@ -114,17 +116,19 @@ class Reports:
 
     def memory(self) -> Array:
         """Sums of the episode under way, for a checkpoint."""
-        return np.array(
-            [self._score, self._discounted, self._explored, self._interventions, self._flown], float
-        )
+        sums = [self._score, self._discounted, self._explored, self._interventions, self._flown]
+        return np.array([*sums, self._episode], float)
 
     def recall(self, memory: Array) -> None:
         """Go on from what `memory` gave."""
-        if memory.shape in ((3,), (5,)):  # three before interventions were counted
-            self._score, self._discounted = float(memory[0]), float(memory[1])
-            self._explored = int(memory[2])
-        if memory.shape == (5,):
+        if memory.shape not in ((3,), (5,), (6,)):  # as it was before each addition
+            return
+        self._score, self._discounted = float(memory[0]), float(memory[1])
+        self._explored = int(memory[2])
+        if len(memory) > 3:
             self._interventions, self._flown = int(memory[3]), bool(memory[4])
+        if len(memory) > 5:
+            self._episode = int(memory[5])
 
     def close(self) -> None:
         """Publish nothing more."""
