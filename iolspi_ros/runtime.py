@@ -16,6 +16,7 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
@@ -30,8 +31,10 @@ from iolspi_ros.errors import InputError
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that ask a process of ours to save and end."""
-WAIT = 0.05
-"""Seconds at most without a look whether a signal has come: what spins is not woken by one."""
+LOOK = 0.05
+"""Seconds between two looks at what no message brings about: silence, time, a signal."""
+CATCH_UP, MOST_MESSAGES = 0.25, 100
+"""Seconds between two looks for messages that nobody announced; of one topic at most."""
 GLANCE, MOST_EVENTS = 0.002, 50
 """Seconds without an event after which nodes in one process go on stepping; events at most."""
 RCLError: type[Exception] = rclpy_implementation.RCLError
@@ -46,6 +49,48 @@ def executor(context: Context | None = None) -> Executor:
 
         return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
+
+
+class Loop:
+    """Handles the events of nodes, also of messages that came without one.
+
+    When an executor begins to listen, rmw_fastrtps counts what waits and after that asks for
+    events. Of a message between the two nobody ever hears, and as each event takes one message
+    all later ones are taken one too late, for ever.
+
+    Parameters
+    ----------
+    nodes : rclpy.node.Node
+    context : rclpy.context.Context, optional
+        Theirs; the default one.
+    """
+
+    def __init__(self, *nodes: Node, context: Context | None = None) -> None:
+        self._executor, self._nodes, self._due = executor(context), nodes, 0.0
+        for node in nodes:
+            self._executor.add_node(node)
+
+    def once(self, timeout: float) -> None:
+        """Handle one event, or wait so many seconds for it."""
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + CATCH_UP
+            self._catch_up()
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def close(self) -> None:
+        """Let the nodes go; before they are destroyed."""
+        self._executor.shutdown()
+
+    def _catch_up(self) -> None:
+        for node in self._nodes:
+            for subscription in list(node.subscriptions):
+                handle = subscription.handle
+                with contextlib.suppress(InvalidHandle), handle:
+                    for _ in range(MOST_MESSAGES):
+                        taken = handle.take_message(subscription.msg_type, subscription.raw)
+                        if taken is None:
+                            break
+                        subscription.callback(taken[0])
 
 
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
@@ -189,10 +234,8 @@ def spin(made: Node | Nodes) -> None:
     InputError
         Why a managed node cannot go on.
     """
-    loop, nodes = executor(), _nodes(made)
-    pump = None if isinstance(made, Node) else made.pump
-    for node in nodes:
-        loop.add_node(node)
+    nodes = _nodes(made)
+    loop, pump = Loop(*nodes), None if isinstance(made, Node) else made.pump
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
@@ -202,13 +245,13 @@ def spin(made: Node | Nodes) -> None:
             if busy:
                 _look_in(loop, nodes)
             else:
-                _spin_once(loop, nodes, WAIT)
+                _spin_once(loop, nodes, LOOK)
             for node in nodes:
                 if (failure := getattr(node, "failure", None)) is not None:
                     raise failure
 
 
-def _look_in(loop: Executor, nodes: Sequence[Node]) -> None:
+def _look_in(loop: Loop, nodes: Sequence[Node]) -> None:
     """Handle the events that wait; each spin handles one, and none takes its whole time."""
     for _ in range(MOST_EVENTS):
         begin = time.monotonic()
@@ -217,9 +260,9 @@ def _look_in(loop: Executor, nodes: Sequence[Node]) -> None:
             return
 
 
-def _spin_once(loop: Executor, nodes: Sequence[Node], timeout: float) -> None:
+def _spin_once(loop: Loop, nodes: Sequence[Node], timeout: float) -> None:
     try:
-        loop.spin_once(timeout_sec=timeout)
+        loop.once(timeout)
     except RCLError as error:
         if not isinstance(nodes[0], LifecycleNode):
             raise

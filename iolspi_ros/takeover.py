@@ -93,7 +93,7 @@ class Takeover:
             The observation that it answers.
         """
         if source in PERSON:
-            if seen > self._let_go:
+            if source == Source.HUMAN and seen > self._let_go:  # a script's may be corrupted, too
                 self.hear(True, seen)
             self._acted = self._clock()
             return True

@@ -27,9 +27,6 @@ from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
 from sim_nodes.world import WorldMemory, WorldSettings, make_world
 
-LOOK = 0.05
-"""Seconds between two looks at what nobody has answered in lockstep."""
-
 
 @dataclass(frozen=True)
 class TaskChoice(Settings):
@@ -129,7 +126,7 @@ class Simulator(ManagedNode):
 
     def _keep_time(self) -> None:
         if self.settings.mode == "lockstep":
-            period = min(self.settings.resend_after, LOOK)
+            period = min(self.settings.resend_after, runtime.LOOK)
             self._timer = runtime.wall_timer(self, period, self._look)
         else:
             self._timer = runtime.wall_timer(self, self._period, self._tick)

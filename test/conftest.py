@@ -149,11 +149,11 @@ def ros(domain):
         rclpy.try_shutdown()
 
 
-def spin_until(executor, ready, deadline=60.0):
+def spin_until(loop, ready, deadline=60.0):
     end = time.monotonic() + deadline
     while not ready():
         assert time.monotonic() < end, "deadline"
-        executor.spin_once(timeout_sec=0.05)
+        loop.once(0.05)
 
 
 class Peer:
@@ -163,8 +163,7 @@ class Peer:
         from iolspi_ros import runtime
 
         self.node = rclpy.create_node("peer")
-        self.executor = runtime.executor()
-        self.executor.add_node(self.node)
+        self.loop = runtime.Loop(self.node)
         self.heard = {}
 
     def listen(self, topic, kind, profile=10):
@@ -186,7 +185,7 @@ class Peer:
 
     def until(self, ready, deadline=60.0):
         try:
-            spin_until(self.executor, ready, deadline)
+            spin_until(self.loop, ready, deadline)
         except AssertionError:
             for topic, heard in self.heard.items():
                 print(f"heard on {topic}: {len(heard)}, last {heard[-3:]}")
@@ -196,7 +195,7 @@ class Peer:
         """Listen for so long, whatever comes."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.05)
+            self.loop.once(0.05)
 
     def call(self, kind, name, request):
         client = self.node.create_client(kind, name)

@@ -60,12 +60,11 @@ def arguments(tmp_path, learner, *more):
 def answer(ros, seconds):
     """A service's answer, within some seconds."""
     node = ros.create_node("asker")
-    executor = runtime.executor()
-    executor.add_node(node)
+    loop = runtime.Loop(node)
     client = node.create_client(SetBool, "/learner/learn")
-    spin_until(executor, client.service_is_ready)
+    spin_until(loop, client.service_is_ready)
     future = client.call_async(SetBool.Request(data=True))
-    spin_until(executor, future.done, seconds)
+    spin_until(loop, future.done, seconds)
     node.destroy_node()
     return future.result().success
 

@@ -31,8 +31,7 @@ class Actor:
 
     def __init__(self, rclpy):
         self.node = rclpy.create_node("actor")
-        self.executor = runtime.executor()
-        self.executor.add_node(self.node)
+        self.loop = runtime.Loop(self.node)
         self.action, self.states, self.rewards, self.authority = 1.0, [], [], []
         self.rows = wire.Rows("action", wire.ACTION)
         self.out = self.node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
@@ -59,7 +58,7 @@ class Actor:
             self.status[status.name] = {pair.key: pair.value for pair in status.values}
 
     def until(self, ready, deadline=40.0):
-        spin_until(self.executor, ready, deadline)
+        spin_until(self.loop, ready, deadline)
 
     def call(self, kind, name, request):
         client = self.node.create_client(kind, name)

@@ -69,7 +69,7 @@ def test_help_and_version():
         (("learn", "--seconds", "0"), "nothing would be learned"),
         (("learn", "--config", "/nowhere.yaml"), "/nowhere.yaml does not exist"),
         (("learn", "--out", "/proc/no"), "--out /proc/no cannot be made"),
-        (("demo", "--task", "pendulm"), "--task is 'pendulm'; allowed: pendulum, slung_load"),
+        (("demo", "--task", "pendulm"), "task is 'pendulm'; allowed: cart_pole, pendulum"),
         (("demo", "--set", "6"), "--set is 6; allowed: 1 to 5"),
         (("learn", "--seed", "-1"), "Invalid value for '--seed'"),
         (("record", "--out", "/proc/no"), "--out /proc/no cannot be made"),
@@ -77,7 +77,7 @@ def test_help_and_version():
         (("demo", "--seconds", "-1"), "--seconds is -1.0; allowed"),
         (("demo", "--episodes", "0"), "--episodes is 0; allowed"),
         (("learn", "--episodes", "9", "--seconds", "9"), "both given; allowed: one of them"),
-        (("demo", "--task", "cart_pole"), "--task is 'cart_pole'; allowed: pendulum, slung_load"),
+        (("demo", "--task", "cart_pole", "--demos", "/nowhere"), "bag /nowhere does not exist"),
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("fly", "--autopilot", "betaflight"), "allowed: embedded, px4, ardupilot, paparazzi"),
         (("fly", "--autopilot", "paparazzi"), "cannot be flown over MAVLink"),
@@ -180,6 +180,34 @@ def test_the_demo_leaves_everything_and_no_graph(tmp_path):
     recorded = read_demonstration(out / "bag", Pendulum.description)
     assert len(recorded.samples) == 6300
     assert not [line for line in graph_processes() if str(out) in line]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_the_demo_of_another_task_with_a_bag_of_the_user_s(tmp_path):
+    """A vehicle that the project has never seen, without picture, baseline or parameter file."""
+    boat = find("package.xml").parent / "examples" / "vehicle" / "boat.py"
+    (tmp_path / "boat.py").write_text(boat.read_text())
+    env = os.environ | {"PYTHONPATH": f"{tmp_path}:{find('package.xml').parent}"}
+    command = (sys.executable, "-P", "-m", "iolspi_ros")
+
+    def run(*given):
+        return subprocess.run(
+            [*command, *map(str, given)], cwd=tmp_path, env=env, capture_output=True, text=True,
+            timeout=300, check=False,
+        )  # fmt: skip
+
+    first = run("demo", "--task", "boat:Boat", "--episodes", 20, "--out", "first")
+    assert first.returncode == 0, first.stdout + first.stderr
+    assert "from nothing" in first.stdout
+    again = run("demo", "--task", "boat:Boat", "--demos", "first/bag", "--episodes", 5,
+                "--out", "again")  # fmt: skip
+    assert again.returncode == 0, again.stdout + again.stderr
+    for folder, demos in (("first", None), ("again", "first/bag")):
+        summary = json.loads((tmp_path / folder / "summary.json").read_text())
+        assert summary.get("demos") == demos
+        assert 0 <= summary["shown_success_fraction"] <= 1
+        assert (tmp_path / folder / "report.html").is_file()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from msg_bridge.cockpit.guard import Guard
 from msg_bridge.cockpit.policy import POINTS, policy_map
 from msg_bridge.cockpit.session import FLOOD, Session
 from msg_bridge.cockpit.settings import CockpitSettings, token_for
-from msg_bridge.cockpit.stick import LOST, SILENCE, Deflection, Stick
+from msg_bridge.cockpit.virtual_joystick import LOST, SILENCE, Deflection, Stick
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad
 

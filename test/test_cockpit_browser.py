@@ -132,7 +132,7 @@ def fly(graph, hands, law):
     end = time.monotonic() + 60.0
     while graph.phase != Phase.REVIEW:
         assert time.monotonic() < end, graph.now
-        graph.executor.spin_once(timeout_sec=0.01)
+        graph.loop.once(0.01)
         hands.do(law.decide(graph.now.state, 0.0))
     hands.do(None)
     return int(graph.rows.read(graph.heard["piloting"][-1])[0])

@@ -13,14 +13,13 @@ FLEET = ["-r", "__ns:=/v1", "-p", "other_vehicles:=[/v2,/v3]"]
 def told(ros):
     """What the learner says of itself, by name; the newest."""
     node, values = ros.create_node("peer"), {}
-    executor = runtime.executor()
-    executor.add_node(node)
+    loop = runtime.Loop(node)
 
     def take(message):
         values.update({pair.key: pair.value for s in message.status for pair in s.values})
 
     node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
-    values["wait"] = lambda ready: spin_until(executor, ready, 60.0)
+    values["wait"] = lambda ready: spin_until(loop, ready, 60.0)
     return values
 
 

@@ -164,14 +164,13 @@ class Lossy:
 def test_losses_change_nothing_but_the_time(nodes, tmp_path, ros):
     path = tmp_path / "c.npz"
     relay = Lossy(ros)
-    executor = runtime.executor()
-    executor.add_node(relay.node)
+    loop = runtime.Loop(relay.node)
     start_learner(nodes, path, 5)
     start_simulator(
         nodes, 5, "-p", "resend_after:=0.01",
         "-r", "state:=sim/state", "-r", "reward:=sim/reward", "-r", "action:=sim/action",
     )  # fmt: skip
-    spin_until(executor, lambda: "done: 3 episodes" in nodes.log("simulator"), 90.0)
+    spin_until(loop, lambda: "done: 3 episodes" in nodes.log("simulator"), 90.0)
     assert min(relay.counts.values()) > 50
     assert_same(finish(nodes, path, 5), headless(5, informed=False))
 

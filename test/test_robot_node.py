@@ -39,9 +39,8 @@ def example(nodes):
 @pytest.fixture
 def node(ros):
     made = ros.create_node("peer")
-    executor = runtime.executor()
-    executor.add_node(made)
-    made.wait = lambda ready, deadline=30.0: spin_until(executor, ready, deadline)
+    loop = runtime.Loop(made)
+    made.wait = lambda ready, deadline=30.0: spin_until(loop, ready, deadline)
     return made
 
 

@@ -83,12 +83,19 @@ def test_who_acts_after_giving_back_has_it_before_the_word_is_heard(takeover, cl
     assert takeover.takes(Source.HUMAN, False, (3, 8))
     assert not takeover.takes(Source.EXPLOIT, False, (3, 8))
     clock.now += 0.29
-    takeover.takes(Source.CORRUPTED, False, (4, 0))  # as good as a word
+    takeover.takes(Source.HUMAN, False, (4, 0))  # as good as a word
     clock.now += 0.29
     assert takeover.held
     assert takeover.count == 2
     clock.now += 0.02
     assert not takeover.held
+
+
+def test_a_script_with_corrupted_actions_holds_nothing(takeover):
+    for step in range(9):
+        source = (Source.SCRIPTED, Source.CORRUPTED)[step % 2]
+        assert takeover.takes(source, False, (0, step))
+        assert not takeover.held
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.5), st.sampled_from([True, False, None])), max_size=30))

@@ -16,8 +16,7 @@ AT_ONCE = ["-p", "wait_for_demonstrations:=false"]
 class Listener:
     def __init__(self, ros):
         self.node = ros.create_node("listener")
-        self.executor = runtime.executor()
-        self.executor.add_node(self.node)
+        self.loop = runtime.Loop(self.node)
         self.said = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear, qos.OUTGOING)
 
@@ -31,7 +30,7 @@ class Listener:
             return status and status.level == level and words in status.message
 
         try:
-            spin_until(self.executor, heard)
+            spin_until(self.loop, heard)
         except AssertionError:
             raise AssertionError(f"{name} never said {words!r}; heard: {self.said}") from None
         status = self.said[name]
@@ -93,7 +92,7 @@ def test_samples_that_come_while_flying_are_said(nodes, listener):
     nodes.start("learner", *AT_ONCE)
     nodes.wait_for("learner", "acting on")
     out = listener.node.create_publisher(Float64MultiArray, "sample", qos.SAMPLES)
-    spin_until(listener.executor, out.get_subscription_count)
+    spin_until(listener.loop, out.get_subscription_count)
     t = Transition(np.zeros(2), 1, 0.0, np.zeros(2))
     out.publish(wire.SampleRows(Pendulum.description.names).of(Sample(0, 0, 0, t, 4)))
     values = listener.until("learner: learning", "1 samples came while flying")

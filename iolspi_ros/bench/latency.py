@@ -159,8 +159,7 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
         out.publish(reply)
 
     node.create_subscription(Float64MultiArray, "reward", answer, qos.CONTROL)
-    executor = runtime.executor()
-    executor.add_node(node)
+    loop = runtime.Loop(node)
     try:
         with graph.Graph(folder) as nodes:
             flight = {"url": url, "autostart": "activate", "real_time_factor": FACTOR,
@@ -169,7 +168,7 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
             end = time.monotonic() + _LONGEST
             while len(asked) < samples and time.monotonic() < end:
                 nodes.check()
-                executor.spin_once(timeout_sec=0.1)
+                loop.once(0.1)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

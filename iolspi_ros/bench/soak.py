@@ -118,8 +118,8 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
     """Hear scores and vitals."""
     rows = wire.ScoreRows()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = rclpy.create_node("soak"), runtime.executor()
-    executor.add_node(node)
+    node = rclpy.create_node("soak")
+    loop = runtime.Loop(node)
 
     def on_score(message: Any) -> None:
         _, step, _, _, score, *_ = rows.read(message)
@@ -137,7 +137,7 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
     node.create_subscription(Float64MultiArray, "score", on_score, qos.REPORTS)
     node.create_subscription(DiagnosticArray, "/diagnostics", on_vitals, qos.OUTGOING)
     try:
-        yield lambda: executor.spin_once(timeout_sec=0.2)
+        yield lambda: loop.once(0.2)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

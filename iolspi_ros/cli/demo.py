@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
@@ -14,19 +15,28 @@ from iolspi_ros.cli.cockpit import start_cockpit
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import Follower
 from iolspi_ros.cli.progress import baseline, console
-from iolspi_ros.errors import InputError, check_choice
+from iolspi_ros.cli.selecting import CONFIG, TASK
+from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
+
+if TYPE_CHECKING:
+    from iolspi_ros.task import TaskDescription
 
 
 @app.command(epilog="Example: iolspi demo --set 2 --seconds 60 --out out/set2")
 def demo(
-    task: Annotated[str, typer.Option(help="pendulum or slung_load.")] = "pendulum",
+    task: Annotated[str, typer.Option(help=TASK)] = "pendulum",
     demonstration: Annotated[
-        int, typer.Option("--set", help="Shipped demonstration set, 1 to 5.")
+        int, typer.Option("--set", help="Demonstration set, 1 to 5, of a task that has them.")
     ] = 5,
+    demos: Annotated[
+        Optional[list[Path]],
+        typer.Option(help="Bag to learn from instead; give it again for more bags."),
+    ] = None,
     seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
     episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the simulator and the learner.")] = 0,
+    config: Annotated[Optional[Path], typer.Option(help=CONFIG)] = None,
     out: Annotated[
         Path, typer.Option(help="A new folder for all that is left; out/demo gets numbered ones.")
     ] = Path("out/demo"),
@@ -34,26 +44,22 @@ def demo(
 ) -> None:
     """Learn a task on a real ROS 2 graph, and report how it went.
 
-    Starts a simulator, a demonstrator that replays a shipped bag, and a learner, each in a
-    process of its own. Leaves report.html, summary.json, a bag of the run and a checkpoint.
+    Starts a simulator, a demonstrator that replays bags, and a learner, each in a process of its
+    own. Leaves report.html, summary.json, a bag of the run and a checkpoint.
     """
     from iolspi_ros import graph, resources
     from iolspi_ros.bags import BagWriter
-    from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
-    shipped = sorted(folder.name for folder in resources.find("demos").iterdir())
-    check_choice("--task", task, tuple(shipped))
-    config = resources.find("config", f"{task}.yaml")
-    mode_and_corruption(demonstration)
-    bag = resources.find("demos", task, f"set_{demonstration}")
-    vehicle = make_task(task, resources.parameters(config, "simulator"), str(config))
+    file = config or resources.config(task)
+    vehicle = make_task(task, resources.parameters(file, "simulator") if file else {}, str(file))
+    taught = Taught.by(task, vehicle.description, demonstration, demos or [])
     count = episodes_to_fly(vehicle, seconds, episodes, 1)
     domain = graph.isolate()
     out = new_folder(out)
     console.print(
-        f"Learning [bold]{task}[/bold] from demonstration set {demonstration}, then online for "
+        f"Learning [bold]{vehicle.description.name}[/bold] {taught.text}, online for "
         f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
     )
     start = time.monotonic()
@@ -65,33 +71,93 @@ def demo(
         if watch:
             console.print(f"Watch it at [bold]{start_cockpit(nodes, out)}[/bold]")
         keep = str(out.resolve() / "checkpoint.npz")
-        nodes.start("simulator", {"seed": seed, "episodes": count}, config)
-        nodes.start("learner", {"seed": seed, "checkpoint": keep}, config)
-        replay = {"bags": [str(bag)], "source": "bag", "listeners": 2, "learner_timeout": 60.0}
-        nodes.start("demonstrator", replay, config)
+        wait = {"wait_for_demonstrations": bool(taught.bags)}
+        nodes.start("simulator", {"task": task, "seed": seed, "episodes": count}, file)
+        nodes.start("learner", {"seed": seed, "checkpoint": keep} | wait, file)
+        if taught.bags:
+            replay = {"bags": [str(bag.resolve()) for bag in taught.bags], "source": "bag"}
+            patience = {"listeners": 2, "learner_timeout": 60.0}
+            nodes.start("demonstrator", replay | patience, file)
         try:
-            history, extra = _watch(nodes, monitor, vehicle, count, bag)
+            history, extra = _watch(nodes, monitor, vehicle, count, taught)
         except (InputError, KeyboardInterrupt):
             console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
             raise
-    _report(out, vehicle, config, history, start, extra | {"seed": seed}, demonstration)
+    _report(out, task, vehicle, file, history, start, extra | {"seed": seed}, taught)
+
+
+@dataclass(frozen=True)
+class Taught:
+    """What is demonstrated.
+
+    Attributes
+    ----------
+    bags : list of Path
+    samples : int
+        In all of them.
+    text, lead : str
+        What it is, for the screen and for the report.
+    about : dict
+        For the summary.
+    """
+
+    bags: list[Path]
+    samples: int
+    text: str
+    lead: str
+    about: dict[str, Any]
+
+    @classmethod
+    def by(cls, task: str, description: TaskDescription, number: int, demos: list[Path]) -> Taught:
+        """Bags of the user's, or a set that is shipped, or nothing.
+
+        Raises
+        ------
+        InputError
+            When there is no such set, or a bag cannot be learned from.
+        """
+        from iolspi_ros import resources
+        from iolspi_ros.bags import read_demonstration
+        from iolspi_ros.experiments.samplesets import mode_and_corruption
+
+        shipped = {folder.name for folder in resources.find("demos").iterdir()}
+        if demos:
+            samples = sum(len(read_demonstration(bag, description).samples) for bag in demos)
+            names = ", ".join(str(bag) for bag in demos)
+            lead = (
+                f"{names} was replayed on a ROS 2 graph, offline LSPI learned from it, and online"
+            )
+            return cls(demos, samples, f"from {names}, then", lead, {"demos": names})
+        if task not in shipped:
+            text = "from nothing (a bag of your own: --demos)"
+            return cls([], 0, text, "Without demonstrations, on a ROS 2 graph, online", {})
+        mode_and_corruption(number)
+        bag = resources.find("demos", task, f"set_{number}")
+        samples = len(read_demonstration(bag, description).samples)
+        lead = (
+            f"Demonstration set {number}, flown by a scripted pilot and not by a person, was "
+            "replayed on a ROS 2 graph, offline LSPI learned from it, online"
+        )
+        text = f"from demonstration set {number}, then"
+        return cls([bag], samples, text, lead, {"demonstration_set": number})
 
 
 def _watch(
-    nodes: Any, monitor: Any, vehicle: Any, episodes: int, bag: Path
+    nodes: Any, monitor: Any, vehicle: Any, episodes: int, taught: Taught
 ) -> tuple[Any, dict[str, Any]]:
-    """Follow the graph through its four parts."""
+    """Follow the graph through its parts."""
     from rclpy.utilities import get_rmw_implementation_identifier
 
-    from iolspi_ros.bags import read_card
+    from sim_nodes.tasks.base import n_starts
 
     follower = Follower(nodes, monitor)
     follower.wait(monitor.connected, 60.0, "the start of simulator and learner")
     monitor.listen_to_samples()
-    shown = len(vehicle.initial_states())  # one from each start, without learning
-    samples = int(read_card(bag).get("samples", 1))
-    follower.follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
-    follower.follow("learning offline", 1, lambda: monitor.updates, 120.0)
+    shown = n_starts(vehicle)  # one from each start, without learning
+    if taught.bags:
+        heard = lambda: len(monitor.demonstrated)  # noqa: E731
+        follower.follow("replaying demonstrations", taught.samples, heard, 60.0)
+        follower.follow("learning offline", 1, lambda: monitor.updates, 120.0)
     begin = time.monotonic()
     online = 60.0 + episodes
     follower.follow("learning online [episodes]", episodes, lambda: len(monitor.scores), online)
@@ -114,47 +180,46 @@ def _watch(
 
 def _report(
     out: Path,
+    task: str,
     vehicle: Any,
-    config: Path,
+    file: Path | None,
     history: Any,
     start: float,
     extra: dict[str, Any],
-    demonstration: int,
+    taught: Taught,
 ) -> None:
     """Compute what needs no graph, and write the pages."""
     from iolspi_ros.experiments.headless import prepare, train_beside
     from iolspi_ros.report import run as report
 
-    name = vehicle.description.name
+    about = vehicle.description
     if not report.whole(history.shown):
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
-    learner = prepare(name, config, extra["seed"]).learner
+    learner = prepare(task, file, extra["seed"]).learner
     subject = report.Subject(vehicle, learner, history, None)
-    extra |= {
-        "demonstration_set": demonstration,
+    extra |= taught.about | {
         "shown_success_fraction": report.share_shown(subject),
         "wall_seconds": round(time.monotonic() - start, 1),
     }
-    lead = (
-        f"Demonstration set {demonstration} was replayed on a ROS 2 graph, offline LSPI learned "
-        "from it, and online LSPI went on from there. The set was flown by a scripted pilot, "
-        "not by a person."
-    )
-    title = f"Learning the {name.replace('_', ' ')} from demonstrations"
+    title = f"Learning the {about.name.replace('_', ' ')} on a graph"
     subject = subject._replace(baseline=baseline(vehicle))
     with console.status("flying another learner beside, drawing …"):
         beside = train_beside(
-            name, config, extra["seed"], history.demonstrations, len(history.scores)
+            task, file, extra["seed"], history.demonstrations, len(history.scores)
         )
+        lead = f"{taught.lead} LSPI went on from there." if taught.bags else f"{taught.lead} LSPI."
         summary = report.finish(out, title, lead, subject, extra, beside)
     number, of_what = report.how_good(summary)
+    before = summary.get("success_fraction_offline") if taught.bags else None
+    offline = "" if before is None else (
+        f"; after the demonstrations alone it was {before:.0%} of the starts"
+    )  # fmt: skip
     console.print(
         f"\nAfter {summary['vehicle_seconds']:.0f} s of vehicle time the policy comes to "
         f"[bold]{number}[/bold] {of_what};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(report.whole(history.shown))} "
-        f"episodes shown on the graph {vehicle.description.success}; after the demonstrations "
-        f"alone it was {summary['success_fraction_offline']:.0%} of the starts. "
+        f"episodes shown on the graph {about.success}{offline}. "
         f"That took {summary['wall_seconds']:.0f} s.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]\n"
-        f"Fly it yourself, in the browser: make cockpit, or iolspi cockpit --task {name}"
+        f"Fly it yourself, in the browser: make cockpit, or iolspi cockpit --task {task}"
     )

@@ -74,8 +74,7 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
                 _say(calibration)
 
         node.create_subscription(Joy, topic, take, qos.CONTROL)
-        executor = runtime.executor()
-        executor.add_node(node)
+        loop = runtime.Loop(node)
         _say(calibration)
         while calibration.question:
             if not runtime.ok():
@@ -86,7 +85,7 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
                     f"{heard} messages on {name}, and for {patience:g} s none that answers; "
                     "allowed: a driver that repeats, such as ros2 run joy joy_node"
                 )
-            executor.spin_once(timeout_sec=0.1)
+            loop.once(0.1)
         node.destroy_node()
 
 

@@ -13,7 +13,7 @@ import typer
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.progress import bar, baseline, console
-from iolspi_ros.cli.selecting import RUN, TASK, TOPICS, VEHICLE
+from iolspi_ros.cli.selecting import CONFIG, RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
 
@@ -43,10 +43,7 @@ def learn(
     seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
     episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the vehicle and the learner.")] = 0,
-    config: Annotated[
-        Optional[Path],
-        typer.Option(help="Parameter file; else config/TASK.yaml, if there is one."),
-    ] = None,
+    config: Annotated[Optional[Path], typer.Option(help=CONFIG)] = None,
     out: Annotated[
         Path, typer.Option(help="A new folder for policy and report; out/learn gets numbered ones.")
     ] = Path("out/learn"),

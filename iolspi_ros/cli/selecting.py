@@ -1,4 +1,4 @@
-"""Options that commands about demonstrations share."""
+"""Options that commands share."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Optional
 import typer
 
 TASK = "A registered task, module:Class, gymnasium:ID, or a YAML file about one."
+CONFIG = "Parameter file; else config/TASK.yaml, if there is one."
 VEHICLE = Annotated[
     str, typer.Option(help="Namespace of the vehicle, where a bag has several; as /v1.")
 ]

@@ -36,8 +36,7 @@ def watch(
     with runtime.session():
         node, board = rclpy.create_node("watch"), Board()
         watching = Watching(node, board, lambda task: None)
-        loop = runtime.executor()
-        loop.add_node(node)
+        loop = runtime.Loop(node)
         end = time.monotonic() + (float("inf") if seconds is None else seconds)
         try:
             if console.is_terminal:
@@ -59,4 +58,4 @@ def _every(loop: Any, period: float, end: float, show: Any) -> None:
         if time.monotonic() >= due:
             show()
             due = time.monotonic() + period
-        loop.spin_once(timeout_sec=min(period, 0.05))
+        loop.once(min(period, 0.05))

@@ -256,7 +256,8 @@ class Demonstrator(ManagedNode):
         return self._sample_out.get_subscription_count()
 
     def close(self) -> None:
-        """Put away what was flown, close the bag and write its card."""
+        """Give the vehicle back, put away what was flown, close the bag and write its card."""
+        self._person.let_go()
         if self._work is not None and not isinstance(self._work, Player):
             self._work.put_away()
         self._close_bag()

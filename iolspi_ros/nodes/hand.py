@@ -14,9 +14,6 @@ from iolspi_ros.nodes.samples_out import SamplesOut
 from iolspi_ros.nodes.teleop import Teleop, TeleopSettings
 from iolspi_ros.wire import Phase
 
-LOOK = 0.05
-"""Seconds between two looks at what no message brings about: silence, a countdown's end."""
-
 
 class HandFlight(Teleop):
     """A person flies; each episode is kept or not as a whole.
@@ -41,7 +38,7 @@ class HandFlight(Teleop):
         self._rows = wire.SampleRows(node.task.names)
         self._verdicts = wire.Rows("verdict", wire.VERDICT)
         self._flown: Flown | None = None
-        self._timer = runtime.wall_timer(node, LOOK, self.look)
+        self._timer = runtime.wall_timer(node, runtime.LOOK, self.look)
         topic = node.resolve_topic_name("joy")
         node.get_logger().info(f"waiting for a joystick on {topic}")
 

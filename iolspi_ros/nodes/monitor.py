@@ -65,8 +65,7 @@ class Monitor(Node):
         self._samples = wire.SampleRows(task.names)
         self._scores = wire.ScoreRows()
         self._update_rows = wire.Rows("update", wire.UPDATE)
-        self._executor = runtime.executor()
-        self._executor.add_node(self)
+        self._loop = runtime.Loop(self)
         self.listen("task", String, self._on_task, qos.TASK)
         self.listen("state", wire.states(task).type, self._on_state)
         self.listen("reward", Float64MultiArray, self._on_reward)
@@ -125,7 +124,7 @@ class Monitor(Node):
                 raise KeyboardInterrupt
             pause = time.monotonic() + 0.05  # asking at every message would slow the graph
             while time.monotonic() < pause:
-                self._executor.spin_once(timeout_sec=0.05)
+                self._loop.once(0.05)
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Call a service and wait for its answer.

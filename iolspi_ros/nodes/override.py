@@ -9,7 +9,6 @@ from iolspi_ros import runtime
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.nodes.control_loop import ControlLoop
-from iolspi_ros.nodes.hand import LOOK
 from iolspi_ros.nodes.joystick import Joystick
 from iolspi_ros.nodes.pilot_topics import PilotTopics
 from iolspi_ros.nodes.samples_out import SamplesOut
@@ -47,7 +46,7 @@ class Override:
         self._stick, self._topics = stick, topics
         self._pressed = stick.pressed(settings.takeover_button)
         self._loop = ControlLoop(node, node.task, self, 0.0)
-        self._timer = runtime.wall_timer(node, LOOK, self.look)
+        self._timer = runtime.wall_timer(node, runtime.LOOK, self.look)
         self._say(held=False)
         node.get_logger().info(f"button {settings.takeover_button} takes the vehicle over")
 

@@ -90,6 +90,11 @@ class Person:
         self._flight = override = Override(self._node, self._takeover, self._stick, self._topics)
         return override
 
+    def let_go(self) -> None:
+        """Give the vehicle back."""
+        if self._topics is not None:
+            self._topics.let_go()
+
     def close(self) -> None:
         """Let everything go."""
         if self._topics is not None:

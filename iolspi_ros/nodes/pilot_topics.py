@@ -61,11 +61,15 @@ class PilotTopics:
         if self.held:
             self._hold()
 
-    def close(self) -> None:
-        """Let the vehicle go, and say nothing more."""
+    def let_go(self) -> None:
+        """Give the vehicle back, if it is held."""
         if self.held:
             self.held = False
             self._hold()
+
+    def close(self) -> None:
+        """Let the vehicle go, and say nothing more."""
+        self.let_go()
         self._node.destroy_timer(self._timer)
         self._node.destroy_publisher(self._takeover_out)
         self._node.destroy_publisher(self._piloting_out)

@@ -20,7 +20,7 @@ from msg_bridge.cockpit import words
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.session import Session
 from msg_bridge.cockpit.settings import CockpitSettings, token_for
-from msg_bridge.cockpit.stick import Deflection
+from msg_bridge.cockpit.virtual_joystick import Deflection
 from msg_bridge.cockpit.watching import Watching
 
 if TYPE_CHECKING:

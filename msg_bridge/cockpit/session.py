@@ -14,7 +14,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from iolspi_ros.errors import InputError
 from msg_bridge.cockpit import words
 from msg_bridge.cockpit.board import Board
-from msg_bridge.cockpit.stick import Deflection, Stick
+from msg_bridge.cockpit.virtual_joystick import Deflection, Stick
 
 STICK_PERIOD = 1 / 60
 """Seconds between two messages on `joy` while somebody has the stick."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from iolspi_ros.errors import InputError
-from msg_bridge.cockpit.stick import Deflection
+from msg_bridge.cockpit.virtual_joystick import Deflection
 
 LONGEST = 2000
 """Characters of a message at most."""

@@ -57,8 +57,7 @@ class GraphClient:
             "gymnasium", context=self._context, namespace=namespace or None,
             use_global_arguments=False, enable_rosout=False,
         )  # fmt: skip
-        self._executor = runtime.executor(self._context)
-        self._executor.add_node(self._node)
+        self._loop = runtime.Loop(self._node, context=self._context)
         self._conflict = ""
         self._seen: deque[Observation] = deque()
         self._newest = (-1, -1)
@@ -148,7 +147,7 @@ class GraphClient:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.remove_node(self._node)
+        self._loop.close()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
@@ -183,7 +182,7 @@ class GraphClient:
         """Handle events until `ready`; whether it was in time."""
         end = time.monotonic() + timeout
         while not ready():
-            self._executor.spin_once(timeout_sec=0.02)
+            self._loop.once(0.02)
             if self._conflict:
                 raise InputError(self._conflict)
             if time.monotonic() > end:

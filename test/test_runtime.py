@@ -1,0 +1,89 @@
+"""How nodes end: by a signal, with the graph still there for their last word."""
+
+import os
+import signal
+import time
+
+import pytest
+import rclpy
+from conftest import ENDS, Peer
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Float64MultiArray, String
+
+from iolspi_ros import qos, runtime, wire
+
+
+@pytest.mark.parametrize("number", ENDS)
+def test_a_signal_asks_and_shuts_no_context_down(number):
+    asked = []
+    with runtime.session([], lambda: asked.append(number)):
+        loop = runtime.Loop(rclpy.create_node("asked"))
+        assert runtime.ok()
+        os.kill(os.getpid(), number)
+        loop.once(0.1)  # takes the node in
+        assert not runtime.ok()
+        assert rclpy.ok()
+        os.kill(os.getpid(), number)
+        loop.once(0.1)
+    assert asked == [number] * 2
+    assert not rclpy.ok()
+    with runtime.session([]):
+        assert runtime.ok()
+
+
+def test_who_is_ignored_stays_so():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as below nohup
+    with runtime.session([]):
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert runtime.ok()
+
+
+def test_a_message_without_an_event_makes_no_later_one_late(ros):
+    """Here its event is lost with an executor; at a start it may never have been made."""
+    talker, listener, heard = ros.create_node("talker"), ros.create_node("listener"), []
+    out = talker.create_publisher(String, "word", qos.LATCHED)
+    listener.create_subscription(String, "word", lambda m: heard.append(m.data), qos.TASK)
+    subscription = next(s for s in listener.subscriptions if s.topic_name == "/word")
+    end = time.monotonic() + 60.0
+    while not subscription.get_publisher_count() and time.monotonic() < end:
+        time.sleep(0.01)
+    out.publish(String(data="first"))
+    before = runtime.executor()
+    before.add_node(listener)
+    before.spin_once(timeout_sec=1.0)  # begins to listen, and hears nothing
+    before.shutdown()
+    executor = runtime.executor()
+    executor.add_node(listener)
+    executor.spin_once(timeout_sec=0.1)
+    out.publish(String(data="second"))
+    while not heard and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.1)
+    assert heard == ["first"]  # one too late, as are all later ones
+    executor.shutdown()
+    loop = runtime.Loop(listener)
+    while len(heard) < 2 and time.monotonic() < end:
+        loop.once(0.1)
+    out.publish(String(data="third"))
+    while len(heard) < 3 and time.monotonic() < end:
+        loop.once(0.1)
+    assert heard == ["first", "second", "third"]
+
+
+def test_who_holds_a_vehicle_and_is_ended_gives_it_back(nodes, ros):
+    """With a word, not by silence."""
+    peer = Peer(ros)
+    peer.listen("takeover", Float64MultiArray, qos.LATCHED)
+    joy = peer.publisher("joy", Joy)
+    pressed = Joy(axes=[0.0], buttons=[1])
+    peer.node.create_timer(0.02, lambda: joy.publish(pressed))
+    nodes.start("simulator")
+    nodes.start("demonstrator", "-p", "source:=scripted", "-p", "episodes:=1",
+                "-p", "takeover_button:=0", "-p", "joy_timeout:=5.0")  # fmt: skip
+    rows = wire.Rows("takeover", wire.TAKEOVER)
+
+    def said():
+        return [rows.read(message)[-1] for message in peer.heard["takeover"]]
+
+    peer.until(lambda: said()[-3:] == [1.0, 1.0, 1.0])
+    assert nodes.end("demonstrator") == 0
+    peer.until(lambda: said()[-1] == 0.0)
