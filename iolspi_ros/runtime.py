@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.clock import Clock
@@ -191,6 +191,7 @@ def main(
             making = False  # a second signal must not interrupt how the first one is handled
             raise KeyboardInterrupt
 
+    sys.unraisablehook = _unraisable
     status = 0
     try:
         environment.check()
@@ -220,6 +221,12 @@ def main(
         sys.stderr.flush()
         os._exit(status)
     return status
+
+
+def _unraisable(found: Any) -> None:
+    """Say nothing of an interrupt that came where nothing can be raised: `ok` tells of it, too."""
+    if found.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(found)
 
 
 def _nodes(made: Node | Nodes) -> Sequence[Node]:
