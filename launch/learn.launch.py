@@ -2,6 +2,7 @@
 
 ros2 launch iolspi_ros learn.launch.py task:=slung_load demonstration:=2 mode:=realtime
 ros2 launch iolspi_ros learn.launch.py namespace:=v1 joystick:=true record:=my_set
+ros2 launch iolspi_ros learn.launch.py cockpit:=true mode:=realtime
 ros2 launch iolspi_ros learn.launch.py vehicles:=3 learners:=one
 """
 
@@ -13,13 +14,16 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from iolspi_ros import resources
+from iolspi_ros.cli.cockpit import from_page
 from launch import LaunchDescription
+from sim_nodes.tasks import task_class
 
 ARGUMENTS = {
     "task": ("pendulum", "a registered task, or module:Class"),
     "mode": ("lockstep", "lockstep or realtime"),
     "demonstration": ("5", "shipped set, 1 to 5; 0 for none"),
     "joystick": ("false", "demonstrate by joystick (topic joy) instead of a shipped set"),
+    "cockpit": ("false", "fly in the browser, whose page is the joystick; see docs/cockpit.md"),
     "record": ("", "bag to record a demonstration by joystick to"),
     "seed": ("0", "of simulator and learner"),
     "checkpoint": ("", "file to save to"),
@@ -58,10 +62,13 @@ def vehicle(chosen, namespace, seed, others=(), learns=True):
     file = resources.config(task)
     shared = [str(file)] if file else []
     bag = f"{get_package_share_directory('iolspi_ros')}/demos/{task}/set_{chosen['demonstration']}"
-    by_hand = chosen["joystick"] == "true"
+    in_browser = chosen["cockpit"] == "true"
+    by_hand = in_browser or chosen["joystick"] == "true"
     shown = by_hand or chosen["demonstration"] != "0"
     if by_hand:
         demonstration = {"source": "joy", "record": chosen["record"]}
+        if in_browser:
+            demonstration |= from_page(task_class(task)().description.n_actions)
     else:
         demonstration = {"source": "bag", "bags": [bag]}
     learner = {"seed": seed, "checkpoint": chosen["checkpoint"], "background": realtime}
@@ -71,12 +78,14 @@ def vehicle(chosen, namespace, seed, others=(), learns=True):
         parameters["learner"] = learner | {"wait_for_demonstrations": shown}
     if learns and shown:
         parameters["demonstrator"] = demonstration
+    if in_browser:
+        parameters["cockpit"] = {}
     return [
         Node(
             package="iolspi_ros",
             executable=name,
             namespace=namespace,
-            parameters=[*shared, values],
+            parameters=[*shared, values] if values else [],
             output="screen",
         )
         for name, values in parameters.items()

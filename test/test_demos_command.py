@@ -47,7 +47,7 @@ def test_bags_are_listed_and_told(iolspi):
 def test_a_good_bag_passes_the_check(iolspi):
     status, said = iolspi("demos", "check", SET_1)
     assert status == 0
-    assert "6300 samples of pendulum" in said
+    assert "pendulum, 6300 samples, " in said
 
 
 def odd(tmp_path, change):

@@ -20,6 +20,7 @@ from iolspi_ros.nodes.player import PlayerSettings
 from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.settings import from_mapping
 from sim_nodes.simulator import SimulatorSettings, TaskChoice
+from sim_nodes.tasks.pendulum import Pendulum
 
 FILE = Path(__file__).parent.parent / "launch" / "learn.launch.py"
 CLASSES = {
@@ -106,6 +107,16 @@ def test_a_person_with_a_joystick_takes_the_place_of_a_shipped_set(launched):
     none = launched(demonstration="0")
     assert set(none) == {"simulator", "learner"}
     assert not parameters(none["learner"])["wait_for_demonstrations"]
+
+
+def test_or_a_page_in_the_browser_does(launched):
+    found = launched(cockpit="true", mode="realtime", record="mine", demonstration="0")
+    assert set(found) == {*CLASSES, "cockpit"}
+    assert found["cockpit"].parameters == []
+    shown, n = parameters(found["demonstrator"]), Pendulum.description.n_actions
+    assert (shown["source"], shown["record"], shown["review"]) == ("joy", "mine", True)
+    assert (shown["joy_buttons"], shown["takeover_button"]) == (list(range(n)), n)
+    assert parameters(found["learner"])["wait_for_demonstrations"]
 
 
 def test_each_of_several_vehicles_has_its_own(launched):

@@ -349,6 +349,9 @@ def test_verdicts_decide_what_the_bag_and_the_learner_get(nodes, person, tmp_pat
         flown.append(fly(person, Phase.REVIEW))
         answer = person.ask(verdict)
         assert answer.success, answer.message
+        if len(flown) == 3:  # what the two that are kept cover
+            assert "2 kept, 1 discarded; 600 samples, " in answer.message
+            assert "of the boxes of shaft.position and shaft.velocity seen" in answer.message
     for _ in range(3):
         assert person.ask("undo").success  # the last, the third and the second
     assert person.ask("keep").success  # the second after all

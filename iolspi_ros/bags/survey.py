@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iolspi_ros import wire
 from iolspi_ros.bags.card import read_card
@@ -136,10 +137,15 @@ def _variable(variable: Variable, values: np.ndarray) -> Iterator[str]:
         )
 
 
-def _actions(batch: Transitions, task: TaskDescription) -> Iterator[str]:
+def _counts(batch: Transitions, task: TaskDescription) -> tuple[NDArray[np.int64], list[str]]:
+    """How often each action was taken, and the names of those that never were."""
     known = batch.action[(batch.action >= 0) & (batch.action < task.n_actions)]
     counts = np.bincount(known, minlength=task.n_actions)
-    never = [task.actions[n].name for n in np.flatnonzero(counts == 0)]
+    return counts, [task.actions[n].name for n in np.flatnonzero(counts == 0)]
+
+
+def _actions(batch: Transitions, task: TaskDescription) -> Iterator[str]:
+    counts, never = _counts(batch, task)
     if never:
         yield f"never taken: {', '.join(never)}"
     most = int(counts.argmax())
@@ -170,6 +176,17 @@ def _coverage(batch: Transitions, task: TaskDescription) -> Iterator[str]:
     if share is not None and share < LITTLE:
         names = " and ".join(task.names[n] for n in task.map_dims)
         yield f"only {share:.1%} of the boxes of {names} were seen"
+
+
+def extent(batch: Transitions, task: TaskDescription) -> str:
+    """What a set covers so far, in words."""
+    share, (_, never) = coverage(batch, task), _counts(batch, task)
+    names = " and ".join(dict.fromkeys(task.names[n] for n in task.map_dims))
+    return ", ".join([
+        f"{len(batch)} samples",
+        *([] if share is None else [f"{share:.0%} of the boxes of {names} seen"]),
+        *([f"never taken: {', '.join(never)}"] if never else []),
+    ])  # fmt: skip
 
 
 def coverage(batch: Transitions, task: TaskDescription) -> float | None:

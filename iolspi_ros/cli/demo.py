@@ -23,6 +23,11 @@ if TYPE_CHECKING:
     from iolspi_ros.task import TaskDescription
 
 
+REPLAYED = (
+    "replayed on a ROS 2 graph, offline LSPI learned from that, and online LSPI went on from there."
+)
+
+
 @app.command(epilog="Example: iolspi demo --set 2 --seconds 60 --out out/set2")
 def demo(
     task: Annotated[str, typer.Option(help=TASK)] = "pendulum",
@@ -71,7 +76,9 @@ def demo(
         if watch:
             console.print(f"Watch it at [bold]{start_cockpit(nodes, out)}[/bold]")
         keep = str(out.resolve() / "checkpoint.npz")
-        wait = {"wait_for_demonstrations": bool(taught.bags)}
+        wait: dict[str, Any] = {"wait_for_demonstrations": bool(taught.bags)}
+        if not taught.bags:
+            wait["autostart"] = "configure"  # or it has learned before anybody watches
         nodes.start("simulator", {"task": task, "seed": seed, "episodes": count}, file)
         nodes.start("learner", {"seed": seed, "checkpoint": keep} | wait, file)
         if taught.bags:
@@ -124,22 +131,18 @@ class Taught:
         if demos:
             samples = sum(len(read_demonstration(bag, description).samples) for bag in demos)
             names = ", ".join(str(bag) for bag in demos)
-            lead = (
-                f"{names} was replayed on a ROS 2 graph, offline LSPI learned from it, and online"
-            )
-            return cls(demos, samples, f"from {names}, then", lead, {"demos": names})
+            text = f"from {names}, then"
+            return cls(demos, samples, text, f"{names} was {REPLAYED}", {"demos": names})
         if task not in shipped:
             text = "from nothing (a bag of your own: --demos)"
-            return cls([], 0, text, "Without demonstrations, on a ROS 2 graph, online", {})
+            lead = "Online LSPI learned on a ROS 2 graph, without demonstrations."
+            return cls([], 0, text, lead, {})
         mode_and_corruption(number)
         bag = resources.find("demos", task, f"set_{number}")
         samples = len(read_demonstration(bag, description).samples)
-        lead = (
-            f"Demonstration set {number}, flown by a scripted pilot and not by a person, was "
-            "replayed on a ROS 2 graph, offline LSPI learned from it, online"
-        )
+        flown = f"Demonstration set {number}, flown by a scripted pilot and not by a person, was"
         text = f"from demonstration set {number}, then"
-        return cls([bag], samples, text, lead, {"demonstration_set": number})
+        return cls([bag], samples, text, f"{flown} {REPLAYED}", {"demonstration_set": number})
 
 
 def _watch(
@@ -154,7 +157,9 @@ def _watch(
     follower.wait(monitor.connected, 60.0, "the start of simulator and learner")
     monitor.listen_to_samples()
     shown = n_starts(vehicle)  # one from each start, without learning
-    if taught.bags:
+    if not taught.bags:
+        monitor.change_state("learner", "activate")
+    else:
         heard = lambda: len(monitor.demonstrated)  # noqa: E731
         follower.follow("replaying demonstrations", taught.samples, heard, 60.0)
         follower.follow("learning offline", 1, lambda: monitor.updates, 120.0)
@@ -207,8 +212,7 @@ def _report(
         beside = train_beside(
             task, file, extra["seed"], history.demonstrations, len(history.scores)
         )
-        lead = f"{taught.lead} LSPI went on from there." if taught.bags else f"{taught.lead} LSPI."
-        summary = report.finish(out, title, lead, subject, extra, beside)
+        summary = report.finish(out, title, taught.lead, subject, extra, beside)
     number, of_what = report.how_good(summary)
     before = summary.get("success_fraction_offline") if taught.bags else None
     offline = "" if before is None else (
@@ -219,7 +223,8 @@ def _report(
         f"[bold]{number}[/bold] {of_what};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(report.whole(history.shown))} "
         f"episodes shown on the graph {about.success}{offline}. "
-        f"That took {summary['wall_seconds']:.0f} s.\n"
+        f"That took {time.monotonic() - start:.0f} s, {summary['wall_seconds']:.0f} of them on the "
+        "graph.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]\n"
         f"Fly it yourself, in the browser: make cockpit, or iolspi cockpit --task {task}"
     )

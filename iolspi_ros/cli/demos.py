@@ -108,15 +108,13 @@ def check(
     bags: BAGS, task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0, topics: TOPICS = None
 ) -> None:
     """Say what is wrong with bags, or odd, before anybody learns from them; 1 if anything is."""
-    from iolspi_ros.bags.survey import coverage, oddities
+    from iolspi_ros.bags.survey import extent, oddities
 
     odd = False
     for path in bags:
         found = _read(path, task, vehicle, run, topics)
         texts = oddities(found)
-        share = coverage(found.transitions(), found.task)
-        seen = "" if share is None else f", {share:.0%} of the boxes of the map seen"
-        console.print(f"{path}: {len(found.samples)} samples of {found.task.name}{seen}")
+        console.print(f"{path}: {found.task.name}, {extent(found.transitions(), found.task)}")
         for text in texts:
             console.print(f"  {text}")
         odd |= bool(texts)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from iolspi_ros import runtime, wire
+from iolspi_ros.bags import survey
 from iolspi_ros.core.learner import Source
-from iolspi_ros.core.samples import Observation, Sample
+from iolspi_ros.core.samples import Observation, Sample, Transitions
 from iolspi_ros.nodes.joystick import Joystick
 from iolspi_ros.nodes.pilot_topics import PilotTopics
 from iolspi_ros.nodes.piloting import Flown, Piloting, PilotingSettings
@@ -193,7 +194,8 @@ class HandFlight(Teleop):
         flown = self.piloting.judge(kept)
         self._rule(flown, kept=kept)
         self._say()
-        return f"episode {flown.episode} is {'kept' if kept else 'discarded'}; {self._standing()}"
+        done = "kept" if kept else "discarded"
+        return f"episode {flown.episode} is {done}; {self._standing()}{self._extent()}"
 
     def undo(self) -> str:
         """Take the last verdict back; what was done, in words.
@@ -206,7 +208,8 @@ class HandFlight(Teleop):
         flown, kept = self.piloting.undo()
         self._rule(flown, kept=False, before=kept)
         self._say()
-        return f"episode {flown.episode} waits for a verdict again; {self._standing()}"
+        again = "waits for a verdict again"
+        return f"episode {flown.episode} {again}; {self._standing()}{self._extent()}"
 
     def finish(self) -> str:
         """End the demonstration with what was kept; what was done, in words.
@@ -226,6 +229,14 @@ class HandFlight(Teleop):
         self._loop.stop()
         self._node.end()
         return text
+
+    def _extent(self) -> str:
+        """What the episodes that are kept cover."""
+        task = self._node.task
+        kept = [flown for flown, kept in self.piloting.judged if kept]
+        samples = [sample.transition for flown in kept for sample, _ in flown.samples]
+        batch = Transitions.of(samples, task.n_dims)
+        return f"; {survey.extent(batch, task)}" if samples else ""
 
     def _standing(self) -> str:
         p = self.piloting
