@@ -301,6 +301,15 @@ def test_signals_twice_and_at_any_time_end_a_node_quietly(nodes, delay):
         assert status == 0 or (status, said) == (-signal.SIGINT, "")  # before our first line
 
 
+def test_what_cannot_change_while_it_runs_is_refused_and_says_so(nodes, peer):
+    nodes.start("simulator")
+    for name, value in (("task", "slung_load"), ("mode", "realtime"), ("episodes", -1)):
+        result = peer.set("simulator", **{name: value})[0]
+        assert not result.successful, name
+        assert name in result.reason or "read" in result.reason.lower(), result.reason
+    assert peer.set("simulator", episodes=3)[0].successful
+
+
 def test_a_simulator_that_starts_anew_is_answered_again(nodes, peer):
     peer.listen("score", Float64MultiArray, qos.REPORTS)
     nodes.start("learner", *AT_ONCE)
