@@ -104,8 +104,10 @@ class VehicleTopics:
         return answer if self.admits(answer) else None
 
     def admits(self, answer: Answer) -> bool:
-        """Whether who chose it may act."""
+        """Whether who chose it may act, and answers what was shown."""
         neutral, seen = answer.action == self._task.neutral, (answer.episode, answer.step)
+        if seen > (self._shown.episode, self._shown.step):
+            return False  # meant for another vehicle, or for one before
         with self._handing():
             return self.takeover.takes(answer.source, neutral, seen)
 

@@ -4,6 +4,7 @@ import os
 import signal
 import time
 
+import numpy as np
 import pytest
 import rclpy
 from conftest import ENDS, Peer
@@ -11,6 +12,10 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray, String
 
 from iolspi_ros import qos, runtime, wire
+from iolspi_ros.core.learner import Source
+from iolspi_ros.core.samples import Observation
+from iolspi_ros.vehicle_topics import Answer, VehicleTopics
+from sim_nodes.tasks.pendulum import Pendulum
 
 
 @pytest.mark.parametrize("number", ENDS)
@@ -67,6 +72,16 @@ def test_a_message_without_an_event_makes_no_later_one_late(ros):
     while len(heard) < 3 and time.monotonic() < end:
         loop.once(0.1)
     assert heard == ["first", "second", "third"]
+
+
+def test_an_action_for_what_was_not_shown_yet_takes_no_vehicle(ros):
+    topics = VehicleTopics(ros.create_node("vehicle"), Pendulum.description)
+    topics.show(Observation(3, 7, np.zeros(2)))
+    for episode, step in ((4, 0), (3, 8), (1000, 7)):
+        assert not topics.admits(Answer(episode, step, 0, Source.HUMAN))
+        assert not topics.takeover.held
+    assert topics.admits(Answer(3, 7, 0, Source.HUMAN))
+    assert topics.takeover.held
 
 
 def test_who_holds_a_vehicle_and_is_ended_gives_it_back(nodes, ros):
