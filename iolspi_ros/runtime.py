@@ -113,6 +113,12 @@ def ok() -> bool:
     return not _Asked.told and rclpy.ok()
 
 
+def check() -> None:
+    """Raise KeyboardInterrupt unless `ok`; for commands, between two looks at the graph."""
+    if not ok():
+        raise KeyboardInterrupt
+
+
 @contextmanager
 def session(
     arguments: Sequence[str] | None = None, interrupt: Callable[[], None] = lambda: None
@@ -131,7 +137,7 @@ def session(
         _Asked.told = True
         interrupt()
 
-    _Asked.told = False
+    _Asked.told, before = False, {number: signal.getsignal(number) for number in ENDS}
     for number in ENDS:
         ignored = signal.getsignal(number) is signal.SIG_IGN
         if number in (signal.SIGINT, signal.SIGTERM) or not ignored:  # as SIGHUP is below nohup
@@ -141,6 +147,9 @@ def session(
         yield
     finally:
         rclpy.try_shutdown()
+        for number in ENDS:
+            if signal.getsignal(number) is ask:
+                signal.signal(number, before[number])
 
 
 class Nodes(Protocol):

@@ -78,6 +78,10 @@ def test_help_and_version():
         (("demo", "--episodes", "0"), "--episodes is 0; allowed"),
         (("learn", "--episodes", "9", "--seconds", "9"), "both given; allowed: one of them"),
         (("demo", "--task", "cart_pole", "--demos", "/nowhere"), "bag /nowhere does not exist"),
+        (
+            ("demo", "--demos", find("demos", "pendulum", "set_5"), "--vehicle", "/v9"),
+            "has no vehicle /v9 ; allowed: vehicle / run 1",
+        ),
         (("demo", "--out", "/proc/no"), "--out /proc/no cannot be made"),
         (("fly", "--autopilot", "betaflight"), "allowed: embedded, px4, ardupilot, paparazzi"),
         (("fly", "--autopilot", "paparazzi"), "cannot be flown over MAVLink"),

@@ -20,7 +20,7 @@ from sim_nodes.tasks.pendulum import Pendulum
 
 @pytest.mark.parametrize("number", ENDS)
 def test_a_signal_asks_and_shuts_no_context_down(number):
-    asked = []
+    asked, before = [], signal.getsignal(number)
     with runtime.session([], lambda: asked.append(number)):
         loop = runtime.Loop(rclpy.create_node("asked"))
         assert runtime.ok()
@@ -30,7 +30,10 @@ def test_a_signal_asks_and_shuts_no_context_down(number):
         assert rclpy.ok()
         os.kill(os.getpid(), number)
         loop.once(0.1)
+        with pytest.raises(KeyboardInterrupt):
+            runtime.check()
     assert asked == [number] * 2
+    assert signal.getsignal(number) is before
     assert not rclpy.ok()
     with runtime.session([]):
         assert runtime.ok()

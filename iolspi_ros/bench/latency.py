@@ -110,6 +110,7 @@ def delays(
 
 def rows(folder: Path, samples: int = SAMPLES) -> list[Row]:
     """Median and worst thousandth, with a learner that solves beside all the time."""
+    from iolspi_ros import runtime
     from sim_nodes.autopilot.server import Sitl
 
     graph.isolate()
@@ -121,7 +122,8 @@ def rows(folder: Path, samples: int = SAMPLES) -> list[Row]:
     ) as sitl:
         tap = Tap(sitl.addresses[0])
         try:
-            asked = _answer(folder, f"udpout:127.0.0.1:{tap.address[1]}", samples)
+            with runtime.session():
+                asked = _answer(folder, f"udpout:127.0.0.1:{tap.address[1]}", samples)
         finally:
             tap.close()
             solver.terminate()
@@ -145,7 +147,6 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
 
     asked: list[int] = []
     rewards, actions = wire.RewardRows(), wire.Rows("action", wire.ACTION)
-    rclpy.init()
     node = rclpy.create_node("latency")
     out = node.create_publisher(Float64MultiArray, "action", qos.OUTGOING)
 
@@ -168,10 +169,10 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
             end = time.monotonic() + _LONGEST
             while len(asked) < samples and time.monotonic() < end:
                 nodes.check()
+                runtime.check()
                 loop.once(0.1)
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
     return asked
 
 

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.signals import SignalHandlerOptions
 from scipy import stats
 from std_msgs.msg import Float64MultiArray
 
@@ -85,7 +84,7 @@ def fly(
         "seed": seed, "checkpoint": str(folder / "checkpoint.npz"), "resume": True,
         "wait_for_demonstrations": False, "vehicle_timeout": 0.0, "checkpoint_seconds": 10.0,
     }  # fmt: skip
-    with graph.Graph(folder) as nodes, _listening(run) as spin:
+    with graph.Graph(folder) as nodes, runtime.session(), _listening(run) as spin:
         if harmed:
             nodes.run("relay", "iolspi_ros.bench.relay", str(seed))
         simulator = {"task": task, "seed": seed, "resend_after": RESEND}
@@ -93,6 +92,7 @@ def fly(
         nodes.start("learner", learner, file)
         killed, heard, last = time.monotonic(), 0, time.monotonic()
         while run.steps < steps:
+            runtime.check()
             spin()
             now = time.monotonic()
             nodes.check()
@@ -117,7 +117,6 @@ def fly(
 def _listening(run: Run) -> Iterator[Callable[[], None]]:
     """Hear scores and vitals."""
     rows = wire.ScoreRows()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("soak")
     loop = runtime.Loop(node)
 
@@ -140,7 +139,6 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
         yield lambda: loop.once(0.2)
     finally:
         node.destroy_node()
-        rclpy.try_shutdown()
 
 
 def measure(

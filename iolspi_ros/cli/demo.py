@@ -15,11 +15,12 @@ from iolspi_ros.cli.cockpit import start_cockpit
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import Follower
 from iolspi_ros.cli.progress import baseline, console
-from iolspi_ros.cli.selecting import CONFIG, TASK
+from iolspi_ros.cli.selecting import CONFIG, RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
 
 if TYPE_CHECKING:
+    from iolspi_ros.bags import Selection
     from iolspi_ros.task import TaskDescription
 
 
@@ -38,6 +39,9 @@ def demo(
         Optional[list[Path]],
         typer.Option(help="Bag to learn from instead; give it again for more bags."),
     ] = None,
+    vehicle: VEHICLE = "",
+    run: RUN = 0,
+    topics: TOPICS = None,
     seconds: Annotated[Optional[float], typer.Option(help=SECONDS)] = None,
     episodes: Annotated[Optional[int], typer.Option(help=EPISODES)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the simulator and the learner.")] = 0,
@@ -53,44 +57,46 @@ def demo(
     own. Leaves report.html, summary.json, a bag of the run and a checkpoint.
     """
     from iolspi_ros import graph, resources
-    from iolspi_ros.bags import BagWriter
+    from iolspi_ros.bags import BagWriter, select
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
     file = config or resources.config(task)
-    vehicle = make_task(task, resources.parameters(file, "simulator") if file else {}, str(file))
-    taught = Taught.by(task, vehicle.description, demonstration, demos or [])
-    count = episodes_to_fly(vehicle, seconds, episodes, 1)
+    model = make_task(task, resources.parameters(file, "simulator") if file else {}, str(file))
+    chosen = select(vehicle, run, topics or [])
+    taught = Taught.by(task, model.description, demonstration, demos or [], chosen)
+    count = episodes_to_fly(model, seconds, episodes, 1)
     domain = graph.isolate()
     out = new_folder(out)
     console.print(
-        f"Learning [bold]{vehicle.description.name}[/bold] {taught.text}, online for "
+        f"Learning [bold]{model.description.name}[/bold] {taught.text}, online for "
         f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
     )
     start = time.monotonic()
     with (
         BagWriter(out / "bag") as recording,
-        watching(vehicle.description, recording) as monitor,
+        watching(model.description, recording) as monitor,
         graph.Graph(out) as nodes,
     ):
         if watch:
             console.print(f"Watch it at [bold]{start_cockpit(nodes, out)}[/bold]")
         keep = str(out.resolve() / "checkpoint.npz")
-        wait: dict[str, Any] = {"wait_for_demonstrations": bool(taught.bags)}
-        if not taught.bags:
-            wait["autostart"] = "configure"  # or it has learned before anybody watches
+        # Without demonstrations it is activated once it is watched.
+        alone = {"wait_for_demonstrations": False, "autostart": "configure"}
+        wait = {} if taught.bags else alone
         nodes.start("simulator", {"task": task, "seed": seed, "episodes": count}, file)
         nodes.start("learner", {"seed": seed, "checkpoint": keep} | wait, file)
         if taught.bags:
             replay = {"bags": [str(bag.resolve()) for bag in taught.bags], "source": "bag"}
             patience = {"listeners": 2, "learner_timeout": 60.0}
-            nodes.start("demonstrator", replay | patience, file)
+            which = {"bag_vehicle": vehicle, "bag_run": run, "bag_topics": topics or [""]}
+            nodes.start("demonstrator", replay | patience | which, file)
         try:
-            history, extra = _watch(nodes, monitor, vehicle, count, taught)
+            history, extra = _watch(nodes, monitor, model, count, taught)
         except (InputError, KeyboardInterrupt):
             console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
             raise
-    _report(out, task, vehicle, file, history, start, extra | {"seed": seed}, taught)
+    _report(out, task, model, file, history, start, extra | {"seed": seed}, taught)
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ class Taught:
         In all of them.
     text, lead : str
         What it is, for the screen and for the report.
-    about : dict
+    facts : dict
         For the summary.
     """
 
@@ -112,10 +118,12 @@ class Taught:
     samples: int
     text: str
     lead: str
-    about: dict[str, Any]
+    facts: dict[str, Any]
 
     @classmethod
-    def by(cls, task: str, description: TaskDescription, number: int, demos: list[Path]) -> Taught:
+    def by(
+        cls, task: str, about: TaskDescription, number: int, demos: list[Path], chosen: Selection
+    ) -> Taught:
         """Bags of the user's, or a set that is shipped, or nothing.
 
         Raises
@@ -129,7 +137,7 @@ class Taught:
 
         shipped = {folder.name for folder in resources.find("demos").iterdir()}
         if demos:
-            samples = sum(len(read_demonstration(bag, description).samples) for bag in demos)
+            samples = sum(len(read_demonstration(bag, about, chosen).samples) for bag in demos)
             names = ", ".join(str(bag) for bag in demos)
             text = f"from {names}, then"
             return cls(demos, samples, text, f"{names} was {REPLAYED}", {"demos": names})
@@ -139,7 +147,7 @@ class Taught:
             return cls([], 0, text, lead, {})
         mode_and_corruption(number)
         bag = resources.find("demos", task, f"set_{number}")
-        samples = len(read_demonstration(bag, description).samples)
+        samples = len(read_demonstration(bag, about).samples)
         flown = f"Demonstration set {number}, flown by a scripted pilot and not by a person, was"
         text = f"from demonstration set {number}, then"
         return cls([bag], samples, text, f"{flown} {REPLAYED}", {"demonstration_set": number})
@@ -202,7 +210,7 @@ def _report(
         raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
     learner = prepare(task, file, extra["seed"]).learner
     subject = report.Subject(vehicle, learner, history, None)
-    extra |= taught.about | {
+    extra |= taught.facts | {
         "shown_success_fraction": report.share_shown(subject),
         "wall_seconds": round(time.monotonic() - start, 1),
     }

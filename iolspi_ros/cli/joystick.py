@@ -77,8 +77,7 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
         loop = runtime.Loop(node)
         _say(calibration)
         while calibration.question:
-            if not runtime.ok():
-                raise KeyboardInterrupt
+            runtime.check()
             if time.monotonic() - since > patience:
                 name = node.resolve_topic_name(topic)
                 raise InputError(
