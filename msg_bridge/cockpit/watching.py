@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import time
 from collections import deque
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Float64MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -27,6 +29,9 @@ PERIOD, SLOW_PERIOD = 1 / 30, 1.0
 """Seconds between looks at what came: at states; at maps and the pace."""
 AT_ONCE = 64
 """States taken in a look; in lockstep more come, and the newest are shown."""
+LARGEST = 2**22
+"""Bytes of an image that is shown."""
+_IMAGES = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
 _KINDS = {Marker.CUBE: "box", Marker.SPHERE: "ball", Marker.LINE_STRIP: "line"}
 
 
@@ -39,12 +44,18 @@ class Watching:
     board : Board
     on_task : callable
         Called with the task when it is heard.
+    images : bool
+        Whether to show `image/compressed`, which a vehicle draws only for those who look.
     """
 
     def __init__(
-        self, node: Node, board: Board, on_task: Callable[[TaskDescription], None]
+        self,
+        node: Node,
+        board: Board,
+        on_task: Callable[[TaskDescription], None],
+        images: bool = False,
     ) -> None:
-        self._node, self.board, self._on_task = node, board, on_task
+        self._node, self.board, self._on_task, self._images = node, board, on_task, images
         self._states: deque[bytes] = deque(maxlen=AT_ONCE)
         self._rewards: deque[bytes] = deque(maxlen=AT_ONCE)
         self._actions: deque[bytes] = deque(maxlen=1)
@@ -113,6 +124,8 @@ class Watching:
                 )
             )
         self._listen("markers", MarkerArray, self._on_markers, qos.LATCHED)
+        if self._images:
+            self._listen("image/compressed", CompressedImage, self._on_image, qos.LATCHED)
         self._listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
         self._listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
         self._listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
@@ -234,6 +247,16 @@ class Watching:
     def _on_markers(self, message: Any) -> None:
         shapes = [_shape(m) for m in message.markers if m.action == Marker.ADD]
         self.board.put("picture", [shape for shape in shapes if shape is not None])
+
+    def _on_image(self, message: Any) -> None:
+        data = bytes(message.data)
+        kind = next((name for name, first in _IMAGES.items() if data.startswith(first)), None)
+        if kind is None or len(data) > LARGEST:
+            raise InputError(
+                f"image/compressed has {len(data)} bytes of {message.format!r}; allowed: JPEG or "
+                f"PNG of at most {LARGEST}"
+            )
+        self.board.put("image", f"data:image/{kind};base64,{base64.b64encode(data).decode()}")
 
 
 def _shape(marker: Any) -> dict[str, Any] | None:
