@@ -28,6 +28,7 @@ from iolspi_ros import environment
 from iolspi_ros.arguments import without_files
 from iolspi_ros.beside import computing
 from iolspi_ros.errors import InputError
+from iolspi_ros.process import say
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that ask a process of ours to save and end."""
@@ -220,14 +221,14 @@ def main(
     except KeyboardInterrupt:
         pass
     except InputError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        say(f"{name}: {error}")
         status = 2
     except RCLError as error:  # of a parameter that is no YAML
-        print(f"{name}: {_first_line(error)}", file=sys.stderr)
+        say(f"{name}: {_first_line(error)}")
         status = 2
     if computing():  # nobody waits for that any more, and an orderly end would
-        sys.stdout.flush()
-        sys.stderr.flush()
+        with contextlib.suppress(OSError):
+            sys.stdout.flush()
         os._exit(status)
     return status
 
@@ -292,7 +293,7 @@ def _put_away(node: Node, name: str) -> int:
     try:
         node.close()
     except InputError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        say(f"{name}: {error}")
         status = 1
     with contextlib.suppress(RCLError):
         node.destroy_node()

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -14,6 +16,7 @@ from std_msgs.msg import Float64MultiArray, String
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
+from iolspi_ros.process import say
 from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from sim_nodes.tasks.pendulum import Pendulum
 
@@ -105,3 +108,28 @@ def test_who_holds_a_vehicle_and_is_ended_gives_it_back(nodes, ros):
     peer.until(lambda: said()[-3:] == [1.0, 1.0, 1.0])
     assert nodes.end("demonstrator") == 0
     peer.until(lambda: said()[-1] == 0.0)
+
+
+def nobody(kind):
+    """A place that takes no words."""
+    if kind == "full":
+        return open("/dev/full", "w")
+    out, into = os.pipe()
+    os.close(out)
+    return open(into, "w")
+
+
+@pytest.mark.parametrize("kind", ["full", "unread"])
+def test_words_that_nothing_takes_change_no_end(domain, kind):
+    command = [sys.executable, "-m", "iolspi_ros.nodes.start", "simulator", "--ros-args"]
+    place = nobody(kind)
+    refused = subprocess.run([*command, "-p", "task:=nowhere"], stdout=place, stderr=place)
+    assert refused.returncode == 2
+
+
+def test_without_a_stream_nothing_is_said(monkeypatch):
+    with open(os.devnull, "w") as closed:
+        pass
+    for stream in (None, closed):
+        monkeypatch.setattr(sys, "stderr", stream)
+        say("a word")

@@ -145,8 +145,13 @@ class Harm:
         if self._full_since:
             if now > self._full_since + FULL:
                 self.stop()
-        elif now > self._next:
+        elif now > self._next and self._learner_heard:
             self._do(self._rng.choice((*KILLED, DISK)), now)
+
+    @property
+    def _learner_heard(self) -> bool:
+        """Whether the learner of now has begun: it looks first whether it can save at all."""
+        return bool(self._run.vitals.get(("learner", self._run.kills["learner"])))
 
     def _do(self, what: str, now: float) -> None:
         self._next = now + self._every
