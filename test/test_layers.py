@@ -18,7 +18,8 @@ ROOMS = {
     # room: what it is made of; the longest prefix that a module has is its room
     "ground": ("iolspi_ros", "iolspi_ros.errors", "iolspi_ros.settings", "iolspi_ros.registry",
                "iolspi_ros.process", "iolspi_ros.environment", "iolspi_ros.leftovers",
-               "iolspi_ros.folders", "iolspi_ros.beside", "sim_nodes", "msg_bridge"),
+               "iolspi_ros.folders", "iolspi_ros.beside", "iolspi_ros.figures",
+               "sim_nodes", "msg_bridge"),
     "task": ("iolspi_ros.task",),
     "core": ("iolspi_ros.core",),
     "files": ("iolspi_ros.arguments", "iolspi_ros.resources"),
