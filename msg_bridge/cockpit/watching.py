@@ -10,23 +10,26 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Learner
 from iolspi_ros.errors import InputError
+from iolspi_ros.learner_asked import LearnerAsked
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.episodes import Episodes, Score
-from msg_bridge.cockpit.policy import LearnerAsked, policy_map
+from msg_bridge.cockpit.policy import policy_map
 
 PERIOD, SLOW_PERIOD = 1 / 30, 1.0
 """Seconds between looks at what came: at states; at maps and the pace."""
 AT_ONCE = 64
 """States taken in a look; in lockstep more come, and the newest are shown."""
+LINES = 6
+"""Of advice that are shown."""
 _KINDS = {Marker.CUBE: "box", Marker.SPHERE: "ball", Marker.LINE_STRIP: "line"}
 
 
@@ -119,6 +122,7 @@ class Watching:
         for topic, names in (("piloting", wire.PILOTING), ("takeover", wire.TAKEOVER)):
             rows = wire.Rows(topic, names)
             self._listen(topic, Float64MultiArray, self._shower(topic, rows), qos.LATCHED)
+        self._listen("advice", String, self._on_advice, qos.LATCHED)
         self._on_task(task)
 
     def _conflict(self, text: str) -> None:
@@ -222,6 +226,9 @@ class Watching:
     def _on_update(self, message: Any) -> None:
         row = self._updates.read_all(message)
         self.board.put("update", {name: row[name] for name in wire.UPDATE[4:]})
+
+    def _on_advice(self, message: Any) -> None:
+        self.board.put("advice", message.data.splitlines()[:LINES])
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
