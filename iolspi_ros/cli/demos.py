@@ -160,6 +160,7 @@ def plot(
     topics: TOPICS = None,
 ) -> None:  # fmt: skip
     """Draw where the samples are (T figs. 6-9), as PNG."""
+    from iolspi_ros import figures
     from iolspi_ros.report import plots
     from iolspi_ros.task.maps import map_limits
 
@@ -170,8 +171,9 @@ def plot(
         raise InputError(f"--out {out} exists already; allowed: a file that is not there yet")
     states = found.transitions().state
     limits = map_limits(found.task, states)
-    plots.visit_maps(found.task, states, states[:0], limits).savefig(out, dpi=150)
-    console.print(f"{out}: where {len(states)} samples are")
+    figure = plots.visit_maps(found.task, [("Samples", states)], limits)
+    out.write_bytes(figures.png(figure))
+    console.print(f"{out}: {figures.alt(figure)}")
 
 
 @demos.command()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -19,7 +18,7 @@ from iolspi_ros.cli.flight_plan import (
     start_embedded,
     travel,
 )
-from iolspi_ros.cli.progress import baseline, console
+from iolspi_ros.cli.progress import baseline, console, so_far
 from iolspi_ros.errors import InputError, check_choice, check_range
 from iolspi_ros.folders import new_folder
 
@@ -89,7 +88,6 @@ def _fly(plan: FlightPlan, practice: int, out: Path, autopilot: str) -> None:
 
     config = resources.find("config", f"{TASK}.yaml")
     vehicle = make_task(TASK, resources.parameters(config, "simulator"), str(config))
-    start = time.monotonic()
     if plan.bag and practice:
         plan = practise(plan, plan.bag, practice, config, out)
     with (
@@ -110,7 +108,7 @@ def _fly(plan: FlightPlan, practice: int, out: Path, autopilot: str) -> None:
     whole = [episode for episode in monitor.episodes if episode.whole]
     monitor.episodes[:] = whole
     extra["autopilot"] = autopilot
-    extra |= {"seed": plan.seed, "wall_seconds": round(time.monotonic() - start, 1)}
+    extra |= {"seed": plan.seed, "wall_seconds": round(so_far(), 1)}
     history = monitor.history(min(plan.episodes, len(whole)))
     _report(out, vehicle, config, history, extra, plan)
 
@@ -166,5 +164,5 @@ def _report(
     console.print(
         f"\n{extra['shown_success_fraction']:.0%} of the {len(shown)} episodes shown "
         f"{vehicle.description.success}. The envelope was left {extra['envelope_left']} times. "
-        f"That took {extra['wall_seconds']:.0f} s.\nLook at [bold]{out / 'report.html'}[/bold]"
+        f"That took {so_far():.0f} s.\nLook at [bold]{out / 'report.html'}[/bold]"
     )

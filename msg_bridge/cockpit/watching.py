@@ -12,18 +12,19 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Learner
 from iolspi_ros.errors import InputError
+from iolspi_ros.learner_asked import LearnerAsked
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.episodes import Episodes, Score
-from msg_bridge.cockpit.policy import LearnerAsked, policy_map
+from msg_bridge.cockpit.policy import policy_map
 
 PERIOD, SLOW_PERIOD = 1 / 30, 1.0
 """Seconds between looks at what came: at states; at maps and the pace."""
@@ -32,6 +33,8 @@ AT_ONCE = 64
 LARGEST = 2**22
 """Bytes of an image that is shown."""
 _IMAGES = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
+LINES = 6
+"""Of advice that are shown."""
 _KINDS = {Marker.CUBE: "box", Marker.SPHERE: "ball", Marker.LINE_STRIP: "line"}
 
 
@@ -132,6 +135,7 @@ class Watching:
         for topic, names in (("piloting", wire.PILOTING), ("takeover", wire.TAKEOVER)):
             rows = wire.Rows(topic, names)
             self._listen(topic, Float64MultiArray, self._shower(topic, rows), qos.LATCHED)
+        self._listen("advice", String, self._on_advice, qos.LATCHED)
         self._on_task(task)
 
     def _conflict(self, text: str) -> None:
@@ -235,6 +239,9 @@ class Watching:
     def _on_update(self, message: Any) -> None:
         row = self._updates.read_all(message)
         self.board.put("update", {name: row[name] for name in wire.UPDATE[4:]})
+
+    def _on_advice(self, message: Any) -> None:
+        self.board.put("advice", message.data.splitlines()[:LINES])
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:

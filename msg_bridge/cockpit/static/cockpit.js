@@ -48,6 +48,7 @@ window.cockpit = (() => {
     else if (part === "image") takeImage(content);
     else if (part === "stick") showStick();
     else if (part === "said") toast(content);
+    else if (part === "advice") showAdvice();
     else if (part === "health") showHealth();
     else if (part === "piloting" || part === "takeover") showPiloting();
     else if (part in SLIDERS) showTuned(part, content);
@@ -282,6 +283,10 @@ window.cockpit = (() => {
   function showHealth() {
     $("health").replaceChildren(...is.health.map((node) =>
       element("li", `${node.name.split(":")[0]}: ${node.text}`, ["", "warn", "bad", "bad"][node.level])));
+  }
+
+  function showAdvice() {
+    $("advice").replaceChildren(...is.advice.map((line) => element("p", line)));
   }
 
   let toasting = 0;
