@@ -24,6 +24,7 @@ from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from sim_nodes.autopilot.autopilot import Autopilot
 from sim_nodes.autopilot.dynamics import LOAD, POSITION, VELOCITY
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.tasks.slung_load.pilot import Perform
 
@@ -31,8 +32,6 @@ Array = NDArray[np.float64]
 Act = Callable[[Observation], int | None]
 """What somebody does with an observation; None for nothing."""
 
-GRIPPER = {"GRIP_ENABLE": 1.0, "SERVO9_FUNCTION": 28.0}
-"""What ArduCopter must have booted with to have a gripper."""
 PATIENT = Timeouts(action_timeout=0.3, telemetry_timeout=0.6, round_trip_limit=0.5)
 """For clocks that run faster: delays of a machine with other work count as many times."""
 
@@ -40,7 +39,7 @@ PATIENT = Timeouts(action_timeout=0.3, telemetry_timeout=0.6, round_trip_limit=0
 def parameters(like: str, **changed: float) -> dict[str, float]:
     """What the embedded autopilot boots with, for a load that reports itself and can be let go."""
     known = {"SIM_LOAD_RATE": 20.0}
-    return known | (GRIPPER if like == "ardupilot" else {}) | changed
+    return known | WITH_GRIPPER[like] | changed
 
 
 def pilot(task: SlungLoad) -> Act:

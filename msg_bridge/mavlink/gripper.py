@@ -14,6 +14,7 @@ _COMMANDS = {
     "actuator": dialect.MAV_CMD_DO_SET_ACTUATOR,
 }
 _GOOD = (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
+_CANCELLED = 6  # MAV_RESULT, of which this dialect does not know
 _AGAIN = 0.1  # between two requests while none is answered [s]
 _PATIENCE = 1.0  # without an answer [s]
 
@@ -35,11 +36,12 @@ class Gripper:
         self._how = profile.release if settings.release == "auto" else settings.release
         self._command = _COMMANDS[self._how]
         self._begun = self._asked = 0.0
+        self._asks = 0
         self._open = False
 
     def turn(self, *, open_it: bool, now: float) -> None:
         """Ask for it to be opened or shut."""
-        self._open, self._begun = open_it, now
+        self._open, self._begun, self._asks = open_it, now, 0
         self._ask(now)
 
     def tick(self, now: float) -> None:
@@ -48,9 +50,17 @@ class Gripper:
             self._ask(now)
 
     def result(self) -> int | None:
-        """MAV_RESULT of the answer; None as long as there is none."""
+        """MAV_RESULT of the answer; None as long as there is none.
+
+        That something was cancelled is said of what was asked for before. Who is asked once more
+        for what it is doing already rejects that: then it is doing it.
+        """
         answer = self._link.telemetry.acks.get(self._command)
-        return None if answer is None else answer[1]
+        if answer is None or answer[1] == _CANCELLED:
+            return None
+        if answer[1] == dialect.MAV_RESULT_TEMPORARILY_REJECTED and self._asks > 1:
+            return int(dialect.MAV_RESULT_IN_PROGRESS)
+        return answer[1]
 
     def refusal(self, now: float) -> str:
         """Why it did not happen, as far as the answer says; empty as long as it may have."""
@@ -66,7 +76,7 @@ class Gripper:
 
     def _ask(self, now: float) -> None:
         s = self._settings
-        self._asked = now
+        self._asked, self._asks = now, self._asks + 1
         width = s.release_open if self._open else s.release_shut
         if self._how == "gripper":
             action = dialect.GRIPPER_ACTION_RELEASE if self._open else dialect.GRIPPER_ACTION_GRAB

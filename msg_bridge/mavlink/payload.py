@@ -124,6 +124,7 @@ class Payload:
             why = "the load was let go, says the gripper, but it was not seen to fall"
         if why and self._estimator.hangs():
             self._estimator.fall = None
+            self._gripper.turn(open_it=False, now=now)  # it may think that it is open
         return why
 
     def _reloaded(self, now: float) -> bool:

@@ -87,7 +87,7 @@ class Autopilot:
         self.commander = _COMMANDERS[self.firmware.name](
             self.firmware, self.parameters, self.body, self.say
         )
-        self.release = Release(self.parameters, self.body, self.say, self.later, rng)
+        self.release = Release(self.parameters, self.body, self.say, self.later)
         self._inbox = Inbox(self)
         self._load_due = 0.0
         for link in self.links:

@@ -151,9 +151,9 @@ class Inbox:
     def _land(self, m: Any, link: Connection, _: Any) -> Result:
         return Result.ACCEPTED if self._a.commander.set_mode(Mode.LAND) else Result.FAILED
 
-    def _gripper(self, m: Any, link: Connection, answer: Any) -> Result:
+    def _gripper(self, m: Any, link: Connection, answer: Any) -> Result | None:
         if isinstance(self._a.commander, Px4):
-            return self._a.release.gripper_of_px4(_whole(m.param2), answer)
+            return self._a.release.gripper_of_px4(_whole(m.param2), answer, self._a.commander.armed)
         return self._a.release.gripper_of_ardupilot(_whole(m.param2))
 
     def _servo(self, m: Any, link: Connection, _: Any) -> Result:
