@@ -62,8 +62,8 @@ class LinkSettings(Settings):
 
     url: str = setting(
         "udpin:127.0.0.1:14540",
-        "udpin:ADDRESS:PORT (listen), udpout:ADDRESS:PORT (call), tcp:ADDRESS:PORT or "
-        "serial:DEVICE:BAUD",
+        "udpin:ADDRESS:PORT (listen), udpout:ADDRESS:PORT (call), tcp:ADDRESS:PORT, "
+        "serial:DEVICE:BAUD, or what mavros and MAVSDK call these",
     )
     autopilot: str = setting(
         "auto", "whom to expect there; auto for whoever it says that it is",
