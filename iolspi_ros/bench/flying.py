@@ -16,6 +16,7 @@ from msg_bridge.mavlink.arbiter import Authority, Timeouts
 from msg_bridge.mavlink.envelope import Limits, violation
 from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.memory import Memory
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
@@ -112,7 +113,7 @@ class Flying:
         self.changes: list[AuthorityChange] = []
         self.preflight = Preflight(
             self.link, LinkSettings(patience=patience), self.settings, self.clock,
-            folder / "before.json", self.checklist.append,
+            Memory(folder / "memory", folder), self.checklist.append,
         )  # fmt: skip
         self.act = act or pilot(self.task)
         self._timeouts = timeouts or Timeouts()
@@ -143,7 +144,7 @@ class Flying:
         """Begin to fly, as a bridge does that was just configured and activated."""
         self.flight = Flight(
             self.task, self.link, self.profile, self.settings, self.limits, self._timeouts,
-            Outputs(self._show, self._say, self.changes.append),
+            Outputs(self._show, self._say, self.changes.append), self.preflight.release.output,
         )  # fmt: skip
         self.runner = Runner(self.flight, self.clock, self._say)
         self.world.run(self.runner, self._answer)

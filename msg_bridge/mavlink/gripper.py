@@ -16,6 +16,8 @@ _COMMANDS = {
 _GOOD = (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
 _CANCELLED = 6  # MAV_RESULT, of which this dialect does not know
 _AGAIN = 0.1  # between two requests while none is answered [s]
+MOVED = 50
+"""By so much the pulse of an output that moves something changes at least [µs]."""
 _PATIENCE = 1.0  # without an answer [s]
 
 
@@ -38,6 +40,11 @@ class Gripper:
         self._begun = self._asked = 0.0
         self._asks = 0
         self._open = False
+
+    @property
+    def how(self) -> str:
+        """By what: gripper, servo or actuator."""
+        return self._how
 
     def turn(self, *, open_it: bool, now: float) -> None:
         """Ask for it to be opened or shut."""
@@ -77,15 +84,14 @@ class Gripper:
     def _ask(self, now: float) -> None:
         s = self._settings
         self._asked, self._asks = now, self._asks + 1
-        width = s.release_open if self._open else s.release_shut
         if self._how == "gripper":
             action = dialect.GRIPPER_ACTION_RELEASE if self._open else dialect.GRIPPER_ACTION_GRAB
             self._link.command(self._command, 1, action)
         elif self._how == "servo":
-            self._link.command(self._command, s.release_channel, width)
+            self._link.command(self._command, s.servo, s.servo_open if self._open else s.servo_shut)
         else:
             values = [0.0] * 6
-            values[min(s.release_channel, 6) - 1] = width
+            values[s.actuator - 1] = s.actuator_open if self._open else s.actuator_shut
             self._link.command(self._command, *values)
 
 

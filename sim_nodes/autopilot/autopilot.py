@@ -118,7 +118,7 @@ class Autopilot:
     @property
     def system(self) -> int:
         """Its number on the wire."""
-        name = "MAV_SYS_ID" if "MAV_SYS_ID" in self.parameters else "SYSID_THISMAV"
+        name = "MAV_SYS_ID" if "MAV_SYS_ID" in self.parameters else "MAV_SYSID"
         return int(self.parameters[name])
 
     # ------------------------------------------------------------ in

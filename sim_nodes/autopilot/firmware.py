@@ -46,6 +46,7 @@ class Firmware:
     any_component: bool  # takes commands for any component id
     spool_up: float  # [s] from the start of a take-off until it lifts
     load_drag: float = 0.02  # [1/s]
+    lacks: tuple[str, ...] = ()  # messages that it cannot be asked for
 
 
 SIMULATION: dict[str, Value] = {
@@ -71,8 +72,9 @@ LIMITS: dict[str, tuple[float, float]] = {
     "SIM_WIND_TURB": (0.0, 10.0), "SIM_NOISE": (0.0, 10.0), "SIM_DELAY": (0.0, 10.0),
     "SIM_LOSS": (0.0, 1.0), "SIM_CUT": (0.0, 3600.0), "SIM_CLOCK_JUMP": (-1e6, 1e6),
     "SIM_LOAD_LEN": (0.1, 20.0), "SIM_LOAD_MASS": (1e-6, 1.0), "SIM_LOAD_RATE": (0.0, 100.0),
-    "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "SYSID_THISMAV": (1, 255),
+    "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "MAV_SYSID": (1, 255),
     "ANGLE_MAX": (1000, 8000), "MPC_TILTMAX_AIR": (20.0, 89.0), "PSC_JERK_XY": (1.0, 50.0),
+    "PSC_JERK_NE": (1.0, 50.0), "PSC_NE_JERK": (1.0, 50.0),
     "PSC_JERK_Z": (1.0, 50.0), "WPNAV_ACCEL": (50.0, 500.0), "WPNAV_SPEED": (20.0, 2000.0),
     "WPNAV_SPEED_UP": (10.0, 1000.0), "WPNAV_SPEED_DN": (10.0, 500.0), "GRIP_GRAB": (1000, 2000),
     "GRIP_RELEASE": (1000, 2000), "GRIP_NEUTRAL": (1000, 2000),
@@ -135,7 +137,7 @@ ARDUPILOT = Firmware(
         "RC_OVERRIDE_TIME": 3.0, "FLTMODE1": 9, "FLTMODE2": 9, "FLTMODE3": 6, "FLTMODE4": 4,
         "FLTMODE5": 5, "FLTMODE6": 0, "GRIP_ENABLE": 0, "GRIP_TYPE": 0,
         "GRIP_GRAB": 1900, "GRIP_RELEASE": 1100,
-        "GRIP_NEUTRAL": 1500, "SERVO9_FUNCTION": 0, "SYSID_THISMAV": 1, "SYSID_MYGCS": 255,
+        "GRIP_NEUTRAL": 1500, "SERVO9_FUNCTION": 0, "MAV_SYSID": 1, "MAV_GCS_SYSID": 255,
         "SIM_DRAG": 0.1,  # chosen; its speed controller makes up for it
         "SIM_LOAD_RATE": 10.0,  # measured
     },
@@ -149,6 +151,7 @@ ARDUPILOT = Firmware(
     },
     fixed_heartbeat=False,
     any_component=True,  # measured
+    lacks=("ESTIMATOR_STATUS",),  # measured
     spool_up=0.8,  # with it a take-off to 5 m takes the measured 5.3 s
 )  # fmt: skip
 
