@@ -31,6 +31,11 @@ _BEAT = 1.0  # between our heartbeats [s]
 _SYNC = 0.5  # between two measurements of the round trip [s]
 
 
+def rates(profile: AutopilotProfile) -> dict[int, float]:
+    """Messages that an autopilot is asked for, and how often [Hz]."""
+    return RATES | {profile.estimator: _ESTIMATOR_RATE}
+
+
 class AutopilotLink:
     """Speaks MAVLink with one system; thread-safe.
 
@@ -117,7 +122,7 @@ class AutopilotLink:
 
     def ask_rates(self, profile: AutopilotProfile) -> None:
         """Ask for the messages that we live on."""
-        for message, rate in (RATES | {profile.estimator: _ESTIMATOR_RATE}).items():
+        for message, rate in rates(profile).items():
             self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
 
     def ask_version(self) -> None:

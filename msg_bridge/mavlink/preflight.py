@@ -91,7 +91,7 @@ class Preflight:
         self._loan.take(profile.changes, lambda changed: self._tell(_line(changed)))
         self._wait(
             lambda: self._link.telemetry.ready,
-            "position estimate: the autopilot does not know where it is",
+            "position estimate",
             lambda: self._link.ask_rates(profile),
         )
         self._tell(ChecklistItem("position estimate", "good"))
@@ -152,20 +152,24 @@ class Preflight:
         self._tell(ChecklistItem("identity", f"version {t.version or 'unknown'}, {number}"))
         return vehicle
 
-    def _wait(self, ready: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
+    def _wait(
+        self, ready: Callable[[], bool], what: str, ask: Callable[[], None], hint: str = ""
+    ) -> None:
         """Wait for something, asking for it once a second, and saying so now and then."""
         begin = self._clock.elapsed()
         asked, said = -math.inf, begin - _NEWS + _FIRST
         while not ready():
             now = self._clock.elapsed()
             if now > begin + self._settings.patience:
-                raise InputError(f"no {what} within {self._settings.patience:g} s{self._why()}")
+                raise InputError(
+                    f"no {what} within {self._settings.patience:g} s{self._why()}{hint}"
+                )
             if now - asked > _AGAIN:
                 asked = now
                 ask()
             if now - said > _NEWS:
                 said = now
-                self._say("warning", f"waiting: no {what} yet{self._why()}")
+                self._say("warning", f"waiting: no {what} yet{self._why()}{hint}")
             self._listen()
 
     def _why(self) -> str:
@@ -175,7 +179,7 @@ class Preflight:
         if t.strangers:
             systems = ", ".join(map(str, sorted(t.strangers)))
             words.append(f"heard system {systems}, not {t.system}: set `system`")
-        if codec.rejected:
+        if codec.rejected and t.autopilot is None:
             words.append(f"{codec.rejected} packets were broken, unsigned or wrongly signed")
         if t.texts:
             words.append(f"the autopilot says: {t.texts[-1][2]}")
@@ -229,9 +233,9 @@ class Preflight:
         begun = self._clock.now()
         self._wait(
             lambda: t.load_time > begun,
-            f"position of the load, which system {t.load_system} is to report (or fly with an "
-            "estimate: iolspi fly --load estimate, load_source of the bridge)",
+            f"position of the load from system {t.load_system}",
             lambda: None,
+            "; it flies without one by iolspi fly --load estimate (load_source of the bridge)",
         )
         self._tell(ChecklistItem("load", f"reported by system {t.load_system}"))
 
