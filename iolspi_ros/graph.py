@@ -162,6 +162,19 @@ class Graph:
         _, hard = resource.prlimit(pid, resource.RLIMIT_FSIZE)
         resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, hard))
 
+    def end(self, name: str, patience: float = PATIENCE) -> None:
+        """End one node before the others, if it is there; kill it when it does not listen."""
+        process = self._processes.pop(name, None)
+        if process is None:
+            return
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(patience)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
     def restart(self, name: str) -> None:
         """Start a node that has ended again, as it was started; its log goes on."""
         module, arguments = self._commands[name]

@@ -1,40 +1,240 @@
-"""`iolspi fly`, from preflight to report, on the embedded autopilot."""
+"""`iolspi fly`, from its plan to its report, on the embedded autopilot."""
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
+
+from iolspi_ros.cli import flight_report
+from iolspi_ros.cli.flight import Flown, Warnings
+from iolspi_ros.cli.flight_plan import describe, make_plan
+from iolspi_ros.errors import InputError
+from msg_bridge.mavlink.memory import Identity, Memory, Remembered
+from msg_bridge.mavlink.payload import Seen
+from msg_bridge.mavlink.profiles import PROFILES
+from sim_nodes.autopilot.server import Sitl
+from sim_nodes.tasks.slung_load import SlungLoad
+
+CHANGES = {"px4": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"), "ardupilot": ("GUID_TIMEOUT", "PSC_JERK_XY")}
+
+
+def plan(autopilot="embedded", **given):
+    options = {"url": None, "like": "px4", "speed_up": 1.0, "load": "feed", "demonstration": 5,
+               "checkpoint": None, "practice": 500, "episodes": 10, "shown": 13, "seed": 0,
+               "bridge": []} | given  # fmt: skip
+    return make_plan(autopilot, **options)
+
+
+@pytest.fixture
+def places(tmp_path, domain):
+    return os.environ | {
+        "ROS_DOMAIN_ID": str(domain), "XDG_STATE_HOME": str(tmp_path / "state"),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }  # fmt: skip
+
+
+def fly(places, *arguments, deadline=300.0):
+    command = [sys.executable, "-m", "iolspi_ros", "fly", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, env=places, timeout=deadline, check=False
+    )
+
+
+# ------------------------------------------------------------ the plan
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_the_plan_names_all_that_is_set_and_sent(like):
+    said = "\n".join(describe(plan(like, load="estimate")))
+    profile = PROFILES[like]
+    for change in profile.changes:
+        assert f"{' or '.join(change.names)} = {change.value:g}" in said
+    for name, (value, *_) in profile.gripper.needs:
+        assert f"{name} {value:g}" in said
+    assert profile.mode_name(profile.controlled) in said
+    assert f"0x{profile.acceleration:04X}" in said
+    assert "estimated, and seen by nobody" in said
+
+
+def test_the_plan_flies_nothing_and_sends_nothing(places, tmp_path):
+    with Sitl("px4", ["udpin:127.0.0.1:0"]) as sitl:
+        port = sitl.addresses[0][1]
+        done = fly(places, "--plan", "--autopilot", "px4", "--url", f"udpout:127.0.0.1:{port}",
+                   "--out", tmp_path / "out")  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert "COM_OF_LOSS_T = 0.5" in done.stdout
+        assert sitl.autopilot.commander.ground_station_seen < 0.0
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"autopilot": "px4", "url": "udpin://0.0.0.0:14540"}, "allowed: udpin:127.0.0.1:14540"),
+        ({"url": "tcp:127.0.0.1:5760"}, "allowed for the embedded autopilot: udpin, udpout"),
+        ({"bridge": ["release"]}, "allowed: NAME=VALUE"),
+        ({"bridge": ["release=magnet"]}, "release is 'magnet'; allowed: auto, gripper"),
+        ({"bridge": ["servo=40"]}, "servo is 40; allowed"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_before_any_practice(given, why):
+    with pytest.raises(InputError, match=why):
+        plan(**given)
+
+
+def test_the_autopilot_that_is_expected_is_told_to_the_bridge():
+    assert plan("px4", url="tcp:127.0.0.1:1").parameters()["autopilot"] == "px4"
+    assert plan(like="ardupilot").parameters()["autopilot"] == "ardupilot"
+
+
+@pytest.mark.parametrize(("asked", "there"), [("px4", "ardupilot"), ("ardupilot", "px4")])
+def test_the_wrong_autopilot_is_named_before_any_practice(places, tmp_path, asked, there):
+    with Sitl(there, ["udpin:127.0.0.1:0"]) as sitl:
+        url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
+        done = fly(places, "--autopilot", asked, "--url", url, "--out", tmp_path / "out")
+        before = dict(sitl.autopilot.parameters._values)
+    assert done.returncode == 2
+    assert f"is {there}, not {asked}; allowed: --autopilot {there}" in done.stderr
+    assert "practising" not in done.stdout
+    assert before == sitl.autopilot.parameters._values
+
+
+# ------------------------------------------------------------ what is said
+
+
+def test_warnings_are_shown_as_they_come_and_the_same_not_all_the_time(capfd):
+    warnings = Warnings.__new__(Warnings)
+    warnings._said, warnings._more = {}, {}
+    for now, text in [(0.0, "a"), (0.1, "b"), (1.0, "a"), (2.0, "a"), (11.0, "a"), (12.0, "b")]:
+        warnings.take(text, now)
+    warnings.take("b", 12.5)
+    warnings.finish()
+    said = [line.strip() for line in capfd.readouterr().out.splitlines()]
+    assert said == ["a", "b", "a (said 2 times more)", "b", "b (said 1 times more)"]
+
+
+def test_what_was_flown_comes_first_and_what_was_seen_of_it():
+    said = {"releases": str({str(Seen.OUTPUT): 9, str(Seen.FAILED): 1}), "envelope_left": "2",
+            "episodes_abandoned": "11"}  # fmt: skip
+    facts = flight_report._facts(SlungLoad(), 5, 13, "shown", Flown(10, said))
+    assert facts[0] == ("38%", "end with a dunk as flown: 5 of 13 episodes shown")
+    assert ("9", f"releases in all: {Seen.OUTPUT}") in facts
+    assert ("1", f"releases in all: {Seen.FAILED}") in facts
+    assert ("11", "episodes broken off") in facts
+    assert flight_report._facts(SlungLoad(), 0, 0, "shown", Flown(0, {}))[0][0] == "none"
+
+
+# ------------------------------------------------------------ given back
+
+
+@pytest.mark.slow
+def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
+    memory = Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path)
+    vehicle = Identity("px4", 1, "07")
+    with Sitl("px4", ["udpin:127.0.0.1:0"], {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5}) as sitl:
+        url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
+        kept = Remembered({"COM_OF_LOSS_T": 1.5}, {"COM_OF_LOSS_T": 0.5})
+        memory.keep(vehicle, "udpout:127.0.0.1:9", kept)
+        nobody = fly(places, "--restore")
+        assert nobody.returncode == 1
+        assert "COM_OF_LOSS_T was 1.5, set to 0.5" in nobody.stdout
+        assert "nothing comes at udpout:127.0.0.1:9" in nobody.stdout
+        assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 0.5
+        done = fly(places, "--restore", "--url", url)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.5
+    assert memory.all() == []
+    assert "Nothing is left changed" in fly(places, "--restore").stdout
+
+
+# ------------------------------------------------------------ whole flights
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
-def test_it_flies_the_whole_way(tmp_path, domain, like):
+def test_it_flies_the_whole_way(tmp_path, places, like):
     out = tmp_path / "out"
-    done = subprocess.run(
-        [sys.executable, "-m", "iolspi_ros", "fly", "--like", like, "--speed-up", "4",
-         "--practice", "0", "--episodes", "2", "--shown", "3", "--out", str(out)],
-        capture_output=True, text=True, env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
-    )  # fmt: skip
+    done = fly(places, "--like", like, "--speed-up", 4, "--practice", 0, "--episodes", 2,
+               "--shown", 3, "--out", out)  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
-    checklist = lines[lines.index("Preflight:") + 1 :]
+    checklist = [line for line in lines[lines.index("Preflight:") + 1 :] if "bridge: " not in line]
     assert checklist[0].startswith(f"  autopilot: {like}, system 1, at udpin:127.0.0.1:")
-    names = [line.split(":")[0].strip() for line in checklist[:7]]
+    names = [line.split(":")[0].strip() for line in checklist[:9]]
     assert names[1:] == [
-        "signed",
-        *{"px4": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"),
-          "ardupilot": ("GUID_TIMEOUT", "PSC_JERK_XY")}[like],
-        "position estimate", "clock", "load",
+        "signed", "identity", *CHANGES[like], "position estimate", "clock", "release", "load",
     ]  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     assert summary["autopilot"] == f"embedded, like {like}"
     assert summary["load"] == "reported by its own system"
     assert summary["envelope_left"] == "0"
+    assert summary["demonstrated_samples"] > 1000
     assert 0.0 <= summary["shown_success_fraction"] <= 1.0
+    page = (out / "report.html").read_text()
+    assert page.index("as flown") < page.index("the same policy on the model")
     for name in ("report.html", "flight.tlog", "checkpoint.npz", "bridge.log"):
         assert (out / name).stat().st_size > 0
     assert "Traceback" not in (out / "bridge.log").read_text()
     assert not (out / "sitl.log").read_text().count("Traceback")
+    assert Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path).all() == []
+
+
+def _child(of, node):
+    """Process of a node that a command has started."""
+    for pid in subprocess.run(["ps", "-eo", "pid,ppid,args"], capture_output=True, text=True,
+                              check=True).stdout.splitlines():  # fmt: skip
+        number, parent, words = pid.split(maxsplit=2) if pid.split()[0].isdigit() else (0, 0, "")
+        if int(parent) == of and node in words.split():
+            return int(number)
+    return None
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("ends", ["killed", "interrupted"])
+def test_a_flight_that_is_cut_says_what_flies_and_what_is_changed(tmp_path, places, ends):
+    """A bridge that was killed cannot give back: it is said, and done by the next."""
+    log = (tmp_path / "said").open("w+")
+    with Sitl("px4", ["udpin:127.0.0.1:0"], {"SIM_LOAD_RATE": 20.0, "SIM_SPEEDUP": 4.0,
+              "PD_GRIPPER_EN": 1}, ready_after=2.0) as sitl:  # fmt: skip
+        url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
+        command = [sys.executable, "-m", "iolspi_ros", "fly", "--autopilot", "px4", "--url", url,
+                   "--speed-up", "4", "--practice", "5",
+                   "--out", str(tmp_path / "out")]  # fmt: skip
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=places)
+        _until(lambda: sitl.autopilot.commander.airborne and sitl.autopilot.body.height > 4.0, log)
+        if ends == "killed":
+            os.kill(_child(process.pid, "bridge"), signal.SIGKILL)
+        else:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(120.0) == {"killed": 2, "interrupted": 130}[ends]
+        said = _said(log)
+        changed = sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
+        if ends == "killed":
+            assert "may still be in the air" in said
+            assert "Not given back" in said
+            assert "COM_OBL_RC_ACT (was 0)" in said
+            assert changed
+            done = fly(places, "--restore")
+            assert done.returncode == 0, done.stdout
+        else:
+            assert not changed
+        assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 0
+        assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.0
+
+
+def _said(log):
+    log.seek(0)
+    return log.read()
+
+
+def _until(ready, log, deadline=120.0):
+    end = time.monotonic() + deadline
+    while not ready():
+        assert time.monotonic() < end, _said(log)
+        time.sleep(0.05)

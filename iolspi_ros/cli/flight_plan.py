@@ -1,44 +1,149 @@
-"""What `iolspi fly` flies, and how: the graph from preflight to landing."""
+"""What `iolspi fly` is to fly: checked before anything happens, and put into words by `--plan`."""
 
 from __future__ import annotations
 
-import shutil
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from iolspi_ros.cli.following import Follower
-from iolspi_ros.cli.progress import bar, console
-from iolspi_ros.errors import InputError
+import yaml
+
+from iolspi_ros import resources
+from iolspi_ros.cli.progress import bar
+from iolspi_ros.errors import InputError, check_choice, check_range
+from iolspi_ros.settings import from_mapping
 
 if TYPE_CHECKING:
-    from iolspi_ros.graph import Graph
-    from iolspi_ros.nodes.monitor import Monitor
+    from msg_bridge.mavlink.profiles import AutopilotProfile
+    from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 
 TASK = "slung_load"
-EMBEDDED = {
-    "px4": ("SIM_LOAD_RATE=20",),
-    "ardupilot": ("SIM_LOAD_RATE=20", "GRIP_ENABLE=1", "SERVO9_FUNCTION=28"),
-}
-"""Parameters of the embedded autopilot: a load's feed, and a gripper enabled before it booted."""
-_LONGEST = 40.0  # an episode with all that comes between two takes at most [s]
+EMBEDDED = "embedded"
+URLS = {"px4": "udpin:127.0.0.1:14540", "ardupilot": "tcp:127.0.0.1:5760", "paparazzi": ""}
+AUTOPILOTS = (EMBEDDED, *URLS)
 _SLACK = 0.05  # of wall time that an answer may be late by, whatever the speed-up [s]
-_WARN = 30  # rcl_interfaces/msg/Log
 
 
 class FlightPlan(NamedTuple):
-    """What is to be flown."""
+    """What is to be flown.
+
+    Attributes
+    ----------
+    url : str
+    autopilot : str
+        Who must be there: px4 or ardupilot.
+    embedded : bool
+        It is started here.
+    speed_up : float
+        Vehicle seconds per second.
+    bag, checkpoint : Path or None
+        What is learned from first, or what was.
+    practice, episodes, shown : int
+        Episodes on the model, in the air while learning, in the air without.
+    seed : int
+    pretrained_on : str
+        In words.
+    bridge : dict
+        More parameters of the bridge.
+    demonstrated : int
+        Samples that taught it, as far as they were not sent over the graph.
+    """
 
     url: str
-    like: str
+    autopilot: str
+    embedded: bool
     speed_up: float
-    load: str
     bag: Path | None
     checkpoint: Path | None
+    practice: int
     episodes: int
     shown: int
     seed: int
     pretrained_on: str
+    bridge: dict[str, Any]
+    demonstrated: int = 0
+
+    @property
+    def vehicle(self) -> str:
+        """In words."""
+        return f"embedded, like {self.autopilot}" if self.embedded else self.autopilot
+
+    @property
+    def config(self) -> Path:
+        """The parameter file of all nodes."""
+        return resources.find("config", f"{TASK}.yaml")
+
+    def parameters(self) -> dict[str, Any]:
+        """Of the bridge, beside those of the file."""
+        return {
+            "url": self.url, "autopilot": self.autopilot, "seed": self.seed,
+            "real_time_factor": float(self.speed_up),
+            "action_timeout": 0.1 + _SLACK * max(self.speed_up, 1.0),
+        } | self.bridge  # fmt: skip
+
+    def settings(self) -> tuple[LinkSettings, FlightSettings]:
+        """Those of link and flight, as the bridge will have them."""
+        from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+
+        values = resources.parameters(self.config, "bridge") | self.parameters()
+        where = "--bridge"
+        return from_mapping(LinkSettings, values, where), from_mapping(
+            FlightSettings, values, where
+        )
+
+
+def make_plan(
+    autopilot: str, url: str | None, like: str, speed_up: float, load: str, demonstration: int,
+    checkpoint: Path | None, practice: int, episodes: int, shown: int, seed: int,
+    bridge: list[str],
+) -> FlightPlan:  # fmt: skip
+    """The plan that the options of `iolspi fly` make.
+
+    Raises
+    ------
+    InputError
+        When it cannot be flown so.
+    """
+    from iolspi_ros.experiments.samplesets import mode_and_corruption
+    from msg_bridge.mavlink import urls
+    from msg_bridge.mavlink.profiles import PROFILES
+    from sim_nodes.autopilot.firmware import FIRMWARES
+
+    check_choice("--autopilot", autopilot, AUTOPILOTS)
+    check_choice("--like", like, tuple(FIRMWARES))
+    check_choice("--load", load, ("feed", "estimate"))
+    check_range("--speed-up", speed_up, 0.1, 20.0)
+    check_range("--episodes", episodes, 0, 1e6)
+    check_range("--shown", shown, 1, 1e6)
+    if autopilot in PROFILES and PROFILES[autopilot].flies_not:
+        raise InputError(
+            f"--autopilot {autopilot} cannot be flown over MAVLink: {PROFILES[autopilot].flies_not}"
+        )
+    mode_and_corruption(demonstration)
+    embedded = autopilot == EMBEDDED
+    place = url or (f"udpin:127.0.0.1:{free_port()}" if embedded else URLS[autopilot])
+    address = urls.parse(place)
+    if embedded and address.kind not in ("udpin", "udpout"):
+        raise InputError(f"--url {url}: allowed for the embedded autopilot: udpin, udpout")
+    bag = None if checkpoint else resources.find("demos", TASK, f"set_{demonstration}")
+    if checkpoint and not checkpoint.is_file():
+        raise InputError(f"--checkpoint {checkpoint} is not there; allowed: a file")
+    plan = FlightPlan(
+        str(address), like if embedded else autopilot, embedded, speed_up, bag, checkpoint,
+        practice if bag else 0, episodes, shown, seed,
+        f"demonstration set {demonstration}" if bag else f"what {checkpoint} holds",
+        {"load_source": load} | dict(_assignment(text) for text in bridge),
+    )  # fmt: skip
+    plan.settings()
+    return plan
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    name, found, value = text.partition("=")
+    if not found or not name:
+        raise InputError(f"--bridge is {text!r}; allowed: NAME=VALUE of a parameter of the bridge")
+    return name, yaml.safe_load(value)
 
 
 def free_port() -> int:
@@ -48,156 +153,92 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def practise(plan: FlightPlan, bag: Path, episodes: int, config: Path, out: Path) -> FlightPlan:
+def practise(plan: FlightPlan, out: Path) -> FlightPlan:
     """Learn from the demonstrations, then online on the model; what is learned is flown."""
     from iolspi_ros.bags import read_demonstration
     from iolspi_ros.core import checkpoint
     from iolspi_ros.experiments.headless import Listener, prepare, train
 
-    world, learner, name = prepare(TASK, config, plan.seed)
+    assert plan.bag is not None
+    world, learner, name = prepare(TASK, plan.config, plan.seed)
     done = 0
-    learner.pretrain(read_demonstration(bag, learner.task).transitions())
-    with bar("practising on the model [episodes]", episodes) as show:
+    samples = read_demonstration(plan.bag, learner.task).transitions()
+    learner.pretrain(samples)
+    with bar("practising on the model [episodes]", plan.practice) as show:
 
         def ended(score: float, reward: float, terminated: bool) -> None:
             nonlocal done
             done += 1
             show(done)
 
-        train(world, learner, episodes, Listener(on_episode=ended))
+        train(world, learner, plan.practice, Listener(on_episode=ended))
     path = out / "practised.npz"
     checkpoint.save(path, learner, name)
-    pretrained_on = f"{plan.pretrained_on} and {episodes} episodes on the model"
-    return plan._replace(bag=None, checkpoint=path, pretrained_on=pretrained_on)
-
-
-def start_embedded(nodes: Graph, plan: FlightPlan) -> None:
-    """Start the embedded autopilot at the other end of the plan's address."""
-    kind, _, place = plan.url.partition(":")
-    if kind not in ("udpin", "udpout"):
-        raise InputError(f"--url {plan.url}: allowed for the embedded autopilot: udpin, udpout")
-    there = {"udpin": "udpout", "udpout": "udpin"}[kind]
-    values = [part for value in EMBEDDED[plan.like] for part in ("--param", value)]
-    nodes.run(
-        "sitl", "iolspi_ros", "sitl", "--like", plan.like, "--url", f"{there}:{place}",
-        "--speed-up", str(plan.speed_up), "--ready-after", "5.0", *values,
+    return plan._replace(
+        bag=None, checkpoint=path, demonstrated=len(samples),
+        pretrained_on=f"{plan.pretrained_on} and {plan.practice} episodes on the model",
     )  # fmt: skip
 
 
-class Warnings:
-    """What the bridge warns of, from /rosout.
-
-    Parameters
-    ----------
-    monitor : Monitor
-    """
-
-    def __init__(self, monitor: Monitor) -> None:
-        from rcl_interfaces.msg import Log
-
-        from iolspi_ros import qos
-
-        self._said: list[str] = []
-        monitor.create_subscription(Log, "/rosout", self._on_log, qos.REPORTS)
-
-    def _on_log(self, message: Any) -> None:
-        if message.name == "bridge" and message.level >= _WARN:
-            self._said.append(message.msg)
-
-    def show(self) -> None:
-        """Print what was not printed before."""
-        for text in self._said:
-            console.print(f"  {text}", markup=False)
-        self._said.clear()
+# ------------------------------------------------------------ in words
 
 
-def travel(
-    nodes: Graph, monitor: Monitor, plan: FlightPlan, config: Path, out: Path
-) -> dict[str, Any]:
-    """Check, teach, fly, show, land.
+def describe(plan: FlightPlan) -> Iterator[str]:
+    """What a flight would set and send, a line for each."""
+    from msg_bridge.mavlink.memory import Memory
+    from msg_bridge.mavlink.profiles import PROFILES
 
-    Returns
-    -------
-    dict of str to str
-        What the bridge says of the flight in the end, for the summary.
-    """
-    follower = Follower(nodes, monitor)
-    bridge = {
-        "url": plan.url, "autostart": "configure", "log": str(out.resolve() / "flight.tlog"),
-        "real_time_factor": float(plan.speed_up), "load_source": plan.load,
-        "seed": plan.seed,
-        "action_timeout": 0.1 + _SLACK * max(plan.speed_up, 1.0),
-    }  # fmt: skip
-    nodes.start("bridge", bridge, config)
-    _check(follower, monitor)
-    keep = out.resolve() / "checkpoint.npz"
-    learner: dict[str, Any] = {
-        "seed": plan.seed, "checkpoint": str(keep), "background": True, "vehicle_timeout": 0.0
-    }  # fmt: skip
-    if plan.checkpoint:
-        shutil.copy(plan.checkpoint, keep)
-    nodes.start("learner", learner | {"resume": plan.checkpoint is not None}, config)
-    follower.wait(monitor.connected, 60.0, "the start of bridge and learner")
-    if plan.bag:
-        _teach(nodes, follower, monitor, plan.bag, config)
-    _learn(follower, monitor, plan)
-    return _show(follower, monitor, plan)
-
-
-def _check(follower: Follower, monitor: Monitor) -> None:
-    """Wait for the preflight, and print its list as it grows."""
-    from msg_bridge.mavlink.node import PREFLIGHT
-
-    console.print("Preflight:")
-    printed: set[str] = set()
-
-    def passed() -> bool:
-        found = monitor.conditions.get(PREFLIGHT, {})
-        for name, value in found.items():
-            if name not in printed and name != "result":
-                printed.add(name)
-                console.print(f"  {name}: {value}", markup=False)
-        return found.get("result") == "passed"
-
-    follower.wait(passed, 150.0, "the preflight")
-
-
-def _teach(nodes: Graph, follower: Follower, monitor: Monitor, bag: Path, config: Path) -> None:
-    from iolspi_ros.bags import read_card
-
-    monitor.listen_to_samples()
-    replay = {"bags": [str(bag)], "source": "bag", "listeners": 2}
-    nodes.start("demonstrator", replay | {"learner_timeout": 60.0}, config)
-    samples = int(read_card(bag).get("samples", 1))
-    follower.follow("replaying demonstrations", samples, lambda: len(monitor.demonstrated), 60.0)
-    follower.follow("learning offline", 1, lambda: monitor.updates, 120.0)
-
-
-def _learn(follower: Follower, monitor: Monitor, plan: FlightPlan) -> None:
-    """Take off, and fly episodes while learning."""
-    monitor.change_state("bridge", "activate")
-    if plan.episodes:
-        follower.follow(
-            "learning online [episodes]", plan.episodes, lambda: len(monitor.scores),
-            120.0 + _LONGEST / plan.speed_up * plan.episodes,
-        )  # fmt: skip
-        monitor.trigger("/learner/save")
-
-
-def _show(follower: Follower, monitor: Monitor, plan: FlightPlan) -> dict[str, Any]:
-    """Fly episodes without learning, and land."""
-    monitor.switch("/learner/learn", on=False)
-    learned = len(monitor.scores)
-    monitor.set_parameters("bridge", order="sweep", episodes=plan.shown)
-    monitor.trigger("/bridge/reset")
-    follower.follow(
-        "showing [episodes]", plan.shown, lambda: len(monitor.scores) - learned,
-        120.0 + _LONGEST / plan.speed_up * plan.shown,
-    )  # fmt: skip
-    monitor.wait_for_ends(learned + plan.shown, 7.0)
-    follower.wait(
-        lambda: monitor.conditions.get("bridge", {}).get("phase") == "down", 120.0, "landing"
+    profile, (link, flight) = PROFILES[plan.autopilot], plan.settings()
+    if plan.practice:
+        yield f"Learn from {plan.pretrained_on}, then {plan.practice} episodes on the model."
+    else:
+        yield f"Learn from {plan.pretrained_on}."
+    yield (
+        f"Look who is at {plan.url}: {profile.name}, system {link.system}, or nothing flies. Until "
+        "then HEARTBEAT and TIMESYNC are sent, as system 255."
     )
-    said = monitor.conditions["bridge"]
-    kept = ("load", "episodes abandoned", "envelope left", "envelope interventions")
-    return {name.replace(" ", "_"): said.get(name, "") for name in kept}
+    yield f"Set, remembered in {Memory().folder} and given back after every end:"
+    for change in profile.changes:
+        yield f"  {' or '.join(change.names)} = {change.value:g}: {change.why}"
+    yield f"Ask for {_rates(profile)}."
+    yield from _describe_release(profile, flight)
+    how = "stream setpoints, then take the mode" if profile.stream_first else "take the mode"
+    climb = "by setpoints" if profile.stream_first else "by MAV_CMD_NAV_TAKEOFF"
+    yield (
+        f"When the bridge is activated: {how} {profile.mode_name(profile.controlled)}, arm (never "
+        f"by force), climb to {flight.height:g} m {climb}."
+    )
+    yield (
+        f"Fly {plan.episodes} episodes while learning and {plan.shown} without: "
+        f"SET_POSITION_TARGET_LOCAL_NED, type mask 0x{profile.acceleration:04X}, {flight.rate:g} "
+        "times a second of vehicle time; each episode a release, and a new load."
+    )
+    yield f"Land in {profile.mode_name(profile.landing)}, and give the parameters back."
+
+
+def _rates(profile: AutopilotProfile) -> str:
+    from pymavlink.dialects.v20.ardupilotmega import mavlink_map
+
+    from msg_bridge.mavlink.link import rates
+
+    found = rates(profile).items()
+    return ", ".join(f"{mavlink_map[number].msgname} at {rate:g} Hz" for number, rate in found)
+
+
+def _describe_release(profile: AutopilotProfile, flight: FlightSettings) -> Iterator[str]:
+    how = profile.release if flight.release == "auto" else flight.release
+    setup = profile.gripper
+    if how == "gripper":
+        needs = [f"{name} {good[0]:g}" for name, good in setup.needs]
+        output = f"{setup.usual} {setup.function:g} (or another output)"
+        needs += [output] if setup.moves_disarmed else []
+        yield f"Check that it has booted with {', '.join(needs)}: nothing would fall otherwise."
+        if not setup.moves_disarmed:
+            yield f"  With {output} besides, its output is watched in flight; else it is unproven."
+    if flight.test_release:
+        yield (
+            f"Open and shut the {how} once, disarmed on the ground: hands off; hang the load again."
+        )
+    feed = flight.load_source == "feed"
+    load = "reported by a system of its own" if feed else "estimated, and seen by nobody"
+    yield f"The load's swing: {load} (load_source: {flight.load_source})."

@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Optional
 
 import typer
 
 from iolspi_ros.cli.app import app
-from iolspi_ros.cli.flight_plan import (
-    EMBEDDED,
-    TASK,
-    FlightPlan,
-    Warnings,
-    free_port,
-    practise,
-    start_embedded,
-    travel,
-)
-from iolspi_ros.cli.progress import baseline, console, so_far
-from iolspi_ros.errors import InputError, check_choice, check_range
+from iolspi_ros.cli.flight_plan import AUTOPILOTS, TASK, FlightPlan, describe, make_plan, practise
+from iolspi_ros.cli.progress import console, so_far
+from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
-
-URLS = {"px4": "udpin:127.0.0.1:14540", "ardupilot": "tcp:127.0.0.1:5760", "paparazzi": ""}
-AUTOPILOTS = ("embedded", *URLS)
 
 
 @app.command(epilog="Example: iolspi fly --autopilot embedded --like px4 --speed-up 4")
@@ -55,6 +43,20 @@ def fly(
     episodes: Annotated[int, typer.Option(help="To fly while learning.")] = 10,
     shown: Annotated[int, typer.Option(help="To fly then, without learning.")] = 13,
     seed: Annotated[int, typer.Option(min=0, help="Of the learner and the starts.")] = 0,
+    bridge: Annotated[
+        Optional[list[str]],
+        typer.Option(help="NAME=VALUE of a parameter of the bridge, such as release=servo."),
+    ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Only say what would be set and sent; send nothing.")
+    ] = False,
+    restore: Annotated[
+        bool,
+        typer.Option(
+            "--restore",
+            help="Fly nothing: show what autopilots' parameters were before, and give them back.",
+        ),
+    ] = False,
     out: Annotated[Path, typer.Option(help="Folder for everything that is left.")] = Path(
         "out/fly"
     ),
@@ -67,102 +69,58 @@ def fly(
     the address given. Ctrl-C lands.
     """
     from iolspi_ros import graph
+    from iolspi_ros.cli import flight_parameters
 
-    plan = _plan(
-        autopilot, url, like, speed_up, load, demonstration, checkpoint, episodes, shown, seed
-    )
-    vehicle = autopilot if autopilot != "embedded" else f"embedded, like {like}"
+    if restore:
+        raise typer.Exit(flight_parameters.restore(url))
+    wanted = make_plan(
+        autopilot, url, like, speed_up, load, demonstration, checkpoint, practice, episodes, shown,
+        seed, bridge or [],
+    )  # fmt: skip
+    if plan:
+        for line in describe(wanted):
+            console.print(line, markup=False)
+        return
     domain = graph.isolate()  # or a refusal, before there is a folder
     console.print(
-        f"Flying [bold]{vehicle}[/bold] at {plan.url}. The graph is in "
+        f"Flying [bold]{wanted.vehicle}[/bold] at {wanted.url}. The graph is in "
         f"ROS_DOMAIN_ID={domain}, on this machine only."
     )
-    _fly(plan, practice, new_folder(out), vehicle)
+    if not wanted.embedded:
+        flight_parameters.look(wanted)
+    _fly(wanted, new_folder(out))
 
 
-def _fly(plan: FlightPlan, practice: int, out: Path, autopilot: str) -> None:
+def _fly(plan: FlightPlan, out: Path) -> None:
     from iolspi_ros import graph, resources
     from iolspi_ros.bags import BagWriter
+    from iolspi_ros.cli import flight_report
+    from iolspi_ros.cli.flight import Flight, Warnings, end_bridge, start_embedded
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
-    config = resources.find("config", f"{TASK}.yaml")
-    vehicle = make_task(TASK, resources.parameters(config, "simulator"), str(config))
-    if plan.bag and practice:
-        plan = practise(plan, plan.bag, practice, config, out)
+    vehicle = make_task(TASK, resources.parameters(plan.config, "simulator"), str(plan.config))
+    if plan.practice:
+        plan = practise(plan, out)
     with (
         BagWriter(out / "bag") as recording,
         watching(vehicle.description, recording) as monitor,
         graph.Graph(out) as nodes,
     ):
         warnings = Warnings(monitor)
-        if autopilot.startswith("embedded"):
+        if plan.embedded:
             start_embedded(nodes, plan)
         try:
-            extra = travel(nodes, monitor, plan, config, out)
+            flown = Flight(nodes, monitor, plan, out).fly()
         except (InputError, KeyboardInterrupt):
-            console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a .tlog.")
+            console.print(
+                f"Ending: the bridge lands what flies. What there is of it is in {out}: the "
+                "nodes' logs, a bag, a .tlog."
+            )
             raise
         finally:
-            warnings.show()
-    whole = [episode for episode in monitor.episodes if episode.whole]
-    monitor.episodes[:] = whole
-    extra["autopilot"] = autopilot
-    extra |= {"seed": plan.seed, "wall_seconds": round(so_far(), 1)}
-    history = monitor.history(min(plan.episodes, len(whole)))
-    _report(out, vehicle, config, history, extra, plan)
-
-
-def _plan(
-    autopilot: str, url: str | None, like: str, speed_up: float, load: str, demonstration: int,
-    checkpoint: Path | None, episodes: int, shown: int, seed: int,
-) -> FlightPlan:  # fmt: skip
-    from iolspi_ros import resources
-    from iolspi_ros.experiments.samplesets import mode_and_corruption
-    from msg_bridge.mavlink.profiles import PROFILES
-
-    check_choice("--autopilot", autopilot, AUTOPILOTS)
-    check_choice("--like", like, tuple(EMBEDDED))
-    check_choice("--load", load, ("feed", "estimate"))
-    check_range("--speed-up", speed_up, 0.1, 20.0)
-    check_range("--episodes", episodes, 0, 1e6)
-    check_range("--shown", shown, 1, 1e6)
-    if autopilot in PROFILES and PROFILES[autopilot].flies_not:
-        raise InputError(
-            f"--autopilot {autopilot} cannot be flown over MAVLink: {PROFILES[autopilot].flies_not}"
-        )
-    mode_and_corruption(demonstration)
-    bag = None if checkpoint else resources.find("demos", TASK, f"set_{demonstration}")
-    if checkpoint and not checkpoint.is_file():
-        raise InputError(f"--checkpoint {checkpoint} is not there; allowed: a file")
-    place = url or (f"udpin:127.0.0.1:{free_port()}" if autopilot == "embedded" else "")
-    return FlightPlan(
-        place or URLS[autopilot], like, speed_up, load, bag, checkpoint, episodes, shown, seed,
-        f"demonstration set {demonstration}" if bag else f"what {checkpoint} holds",
-    )  # fmt: skip
-
-
-def _report(
-    out: Path, vehicle: Any, config: Path, history: Any, extra: dict[str, Any], plan: FlightPlan
-) -> None:
-    """Compute what needs no graph, and write the pages."""
-    from iolspi_ros.experiments.headless import prepare
-    from iolspi_ros.report import run as report
-
-    shown = report.whole(history.shown)
-    if not shown:
-        raise InputError("no episode shown was recorded whole; is the machine very busy? Try again")
-    subject = report.Subject(vehicle, prepare(TASK, config, 0).learner, history, baseline(vehicle))
-    extra["shown_success_fraction"] = report.share_shown(subject)
-    lead = (
-        f"An autopilot ({extra['autopilot']}) was flown over MAVLink by a learner that was "
-        f"pretrained on {plan.pretrained_on}. Rewards are the task's; where a load came down is "
-        "what its own system reported, or the parabola where there is none."
-    )
-    with console.status("drawing …"):
-        report.finish(out, "Flying the slung load on an autopilot", lead, subject, extra)
-    console.print(
-        f"\n{extra['shown_success_fraction']:.0%} of the {len(shown)} episodes shown "
-        f"{vehicle.description.success}. The envelope was left {extra['envelope_left']} times. "
-        f"That took {so_far():.0f} s.\nLook at [bold]{out / 'report.html'}[/bold]"
-    )
+            warnings.finish()
+            end_bridge(nodes, plan)
+    flight_report.write(out, vehicle, plan, monitor, flown, round(so_far(), 1))
+    if flown.trouble:
+        raise InputError(f"the flight ended before it should: {flown.trouble}")

@@ -133,6 +133,7 @@ def finish(
     subject: Subject,
     extra: dict[str, Any],
     beside: Beside | None = None,
+    flown: Sequence[tuple[str, str]] = (),
 ) -> dict[str, Any]:
     """Compute what a run has come to; write report.html and summary.json.
 
@@ -146,6 +147,9 @@ def finish(
         What only the caller knows, for the summary.
     beside : Beside, optional
         Another learner in the same situation.
+    flown : sequence of (str, str)
+        What a vehicle really did, a figure and what it is of: these come first, and all others
+        are said to be of the model.
 
     Returns
     -------
@@ -164,9 +168,12 @@ def finish(
         summary["beside_ratio_to_near_optimal"] = _ratio(curves[1].returns[-1], best)
         summary["beside_success_fraction"] = curves[1].successes[-1]
     parts = [*_shown(subject), *_learning(subject, curves, best), *_maps(subject)]
+    value, what = how_good(summary)
+    model = ", the same policy on the model" if flown else ""
     facts = [
-        how_good(summary),
-        (f"{summary['success_fraction']:.0%}", f"of the starts {task.success}"),
+        *flown,
+        (value, what + model),
+        (f"{summary['success_fraction']:.0%}", f"of the starts {task.success}{model}"),
         (f"{summary['vehicle_seconds']:.0f} s", "of vehicle time learning online"),
         (f"{summary['demonstrated_samples']}", "demonstrated samples"),
     ]
