@@ -12,6 +12,7 @@ import rclpy
 from conftest import ENDS, Peer
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Source
@@ -78,6 +79,44 @@ def test_a_message_without_an_event_makes_no_later_one_late(ros):
     while len(heard) < 3 and time.monotonic() < end:
         loop.once(0.1)
     assert heard == ["first", "second", "third"]
+
+
+def listening(node):
+    """An executor that listens: of what comes from now on it is told, and nobody else."""
+    executor = runtime.executor()
+    executor.add_node(node)
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0.1)
+    return executor
+
+
+def test_a_call_without_an_event_is_answered_all_the_same(ros):
+    """Both the request and the answer: their events are lost with an executor."""
+    asker, answerer = ros.create_node("asker"), ros.create_node("answerer")
+    asked = []
+
+    def answer(_, response):
+        asked.append(1)
+        response.success = True
+        return response
+
+    answerer.create_service(Trigger, "question", answer)
+    client = asker.create_client(Trigger, "question")
+    assert client.wait_for_service(60.0)
+    of_asker, of_answerer = listening(asker), listening(answerer)
+    pending = client.call_async(Trigger.Request())
+    time.sleep(0.5)  # until it is there; should it come later, the test shows nothing
+    of_answerer.shutdown()
+    loop, end = runtime.Loop(answerer), time.monotonic() + 60.0
+    while not asked and time.monotonic() < end:
+        loop.once(0.1)
+    time.sleep(0.5)
+    of_asker.shutdown()
+    loop = runtime.Loop(asker)
+    while not pending.done() and time.monotonic() < end:
+        loop.once(0.1)
+    assert asked == [1]
+    assert pending.result().success
 
 
 def test_an_action_for_what_was_not_shown_yet_takes_no_vehicle(ros):
