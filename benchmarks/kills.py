@@ -1,8 +1,9 @@
 """Kill a learning graph again and again, and compare what it learned with a run left alone.
 
-    nice .venv/bin/python benchmarks/kills.py --kills 100
+    nice .venv/bin/python benchmarks/kills.py --kills 100 [--two]
 
-Simulator and learner in one process, in lockstep; each life ends after a random time by a random
+Simulator and learner in one process, in lockstep, or with --two each in its own, of which only the
+learner's is killed; each life ends after a random time by a random
 one of SIGKILL, SIGTERM, SIGINT, SIGHUP and SIGQUIT, and the next resumes from the checkpoint. In
 the end weights, samples kept, random generators and the vehicle must be the same, bit by bit.
 """
@@ -29,13 +30,15 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.
 ACTING, DONE = "acting on", "done: "
 
 
-def start(folder: Path, name: str, episodes: int, more: list[str]) -> subprocess.Popen[bytes]:
-    """Start the graph; its checkpoint is FOLDER/NAME.npz, its words are in FOLDER/NAME.log."""
-    parameters = {
-        "checkpoint": folder / f"{name}.npz", "resume": "true", "episodes": episodes, "seed": 3,
-        "wait_for_demonstrations": "false", "update_interval": 500, "checkpoint_updates": 2,
-    }  # fmt: skip
-    command = [sys.executable, "-m", "iolspi_ros.nodes.start", "graph", "--ros-args", *more]
+def start(folder: Path, name: str, node: str, more: list[str]) -> subprocess.Popen[bytes]:
+    """Start a node; its checkpoint is FOLDER/NAME.npz, its words are in FOLDER/NAME.log."""
+    parameters = {"seed": 3}
+    if node != "simulator":
+        parameters |= {
+            "checkpoint": folder / f"{name}.npz", "resume": "true", "update_interval": 500,
+            "wait_for_demonstrations": "false", "checkpoint_updates": 2,
+        }  # fmt: skip
+    command = [sys.executable, "-m", "iolspi_ros.nodes.start", node, "--ros-args", *more]
     for key, value in parameters.items():
         command += ["-p", f"{key}:={value}"]
     log = (folder / f"{name}.log").open("ab")
@@ -55,16 +58,16 @@ def until(
 
 
 def live_and_die(
-    folder: Path, name: str, episodes: int, kills: int, rng: random.Random, more: list[str]
+    folder: Path, name: str, node: str, kills: int, rng: random.Random, more: list[str]
 ) -> collections.Counter[str]:
-    """Lives until all episodes are flown; how each ended."""
+    """Lives of a node until all episodes are flown; how each ended."""
     ends: collections.Counter[str] = collections.Counter()
     log = folder / f"{name}.log"
     log.touch()
     slowest: list[tuple[float, str]] = []
     while True:
         said = len(log.read_text())
-        process = start(folder, name, episodes, more)
+        process = start(folder, name, node, more)
         done = False
         if sum(ends.values()) >= kills:
             done = until(process, log, DONE, 600.0)
@@ -90,6 +93,21 @@ def live_and_die(
         ends[number.name] += 1
 
 
+def fly(
+    folder: Path, name: str, kills: int, rng: random.Random, chosen: argparse.Namespace
+) -> collections.Counter[str]:
+    """All episodes, with so many kills; how each life ended."""
+    episodes = ["-p", f"episodes:={chosen.episodes}"]
+    if not chosen.two:
+        return live_and_die(folder, name, "graph", kills, rng, [*episodes, *chosen.more])
+    simulator = start(folder, name, "simulator", [*episodes, "-p", "resend_after:=0.02"])
+    try:
+        return live_and_die(folder, name, "learner", kills, rng, chosen.more)
+    finally:
+        simulator.kill()
+        simulator.wait()
+
+
 def same(one: Path, other: Path) -> list[str]:
     """What differs between two checkpoints."""
     a, b = checkpoint.read(one), checkpoint.read(other)
@@ -106,6 +124,7 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--episodes", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--two", action="store_true", help="kill the learner alone")
     parser.add_argument("more", nargs="*", help="parameters, as in --ros-args")
     chosen = parser.parse_args()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -113,9 +132,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="iolspi-kills-") as place:
         folder, rng = Path(place), random.Random(chosen.seed)
         begin = time.monotonic()
-        live_and_die(folder, "alone", chosen.episodes, 0, rng, chosen.more)
+        fly(folder, "alone", 0, rng, chosen)
         alone = time.monotonic() - begin
-        ends = live_and_die(folder, "killed", chosen.episodes, chosen.kills, rng, chosen.more)
+        ends = fly(folder, "killed", chosen.kills, rng, chosen)
         differing = same(folder / "alone.npz", folder / "killed.npz")
         left = sorted(path.name for path in folder.iterdir() if path.suffix == ".npz")
         resumed = (folder / "killed.log").read_text().count("resumed from")

@@ -94,6 +94,11 @@ class ControlLoop:
         The vehicle is in this process: it hands its observations to `respond`.
     prefix : str
         Before the names of the vehicle's topics.
+
+    Attributes
+    ----------
+    note : callable
+        Takes each observation that is not a repeated one, before anything is made of it.
     """
 
     def __init__(
@@ -122,7 +127,8 @@ class ControlLoop:
         self.running = False
         self.invalid = 0
         self.pulse = Pulse()
-        self._local = local
+        self._local, self._silent = local, False
+        self.note: Callable[[Observation], None] = lambda observation: None
         listened: tuple[tuple[Any, str, Any], ...] = (
             ()
             if local
@@ -188,6 +194,8 @@ class ControlLoop:
 
     def _respond(self, observation: Observation) -> None:
         key = (observation.episode, observation.step)
+        if key != self._newest:
+            self.note(observation)
         if self._started_anew(key):
             return  # what comes next is paired afresh
         if key == self._newest:
@@ -228,6 +236,11 @@ class ControlLoop:
             self._respond(waiting)
 
     @property
+    def newest(self) -> tuple[int, int]:
+        """Episode and step of what was answered last; -1 for nothing."""
+        return self._newest
+
+    @property
     def seen(self) -> Observation | None:
         """The newest observation that came while it was running."""
         return self._seen
@@ -259,7 +272,16 @@ class ControlLoop:
         if self._newest == (seen.episode, seen.step):
             self._pack(seen)
 
+    def answer_again(self, observation: Observation) -> None:
+        """Go through an observation that was answered before, and say nothing."""
+        self._silent, running, self.running = True, self.running, True
+        self._pairer.take(observation)
+        self._respond(observation)
+        self._silent, self.running = False, running
+
     def _publish(self) -> None:
+        if self._silent:
+            return
         if not self._local or self._out.get_subscription_count():
             self._out.publish(self._answer)
 

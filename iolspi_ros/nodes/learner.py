@@ -25,6 +25,7 @@ from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.control_loop import TASK, no_vehicle
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.fleet import Fleet
+from iolspi_ros.nodes.journal import Mark
 from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
 from iolspi_ros.process import say
@@ -106,6 +107,7 @@ class LearnerNode(ManagedNode):
         self._ready = False  # to act, as soon as it is active
         self._while_flying = 0  # samples
         self._due = False  # an update, since before a resume
+        self._again = False  # whether it goes through what was observed before a kill
         self._watch: Any = None
         self.add_post_set_parameters_callback(self._on_changed)
 
@@ -163,16 +165,17 @@ class LearnerNode(ManagedNode):
 
     def _finish(self) -> None:
         """Save what is known, unless that is nothing."""
-        core = self.core
+        core, saved = self.core, False
         try:
-            if core is None or not self._saving.wanted:
+            if core is None or not self._saving.wanted or self._again:
                 return
             found = self._last_words(core)
             if core.step or core.n_samples or len(self._demonstrations):
                 # Printed: to be read at any log level.
                 say(f"learner: {self._saving.keeper().save(found)}")
+                saved = True
         finally:
-            self._saving.close()
+            self._saving.close(all_saved=saved)
 
     def _last_words(self, core: Learner) -> Snapshot:
         """What to save at the end; never what was half done."""
@@ -238,7 +241,6 @@ class LearnerNode(ManagedNode):
         self._reports = Reports(self, core)
         if found is not None:
             self._resume(core, *found)
-        self._reports.weights()
         self._subscriptions_of_demonstrations = [
             self.create_subscription(Float64MultiArray, "sample", self._on_sample, qos.SAMPLES),
             self.create_subscription(
@@ -247,6 +249,13 @@ class LearnerNode(ManagedNode):
         ]
         self.core = core
         self._ready |= not s.wait_for_demonstrations
+        if self._saving.wanted and not (self._local or any(s.other_vehicles)):
+            self._loop.note = self._note
+            again = self._go_through(core, fresh=found is None)
+            self._saving.keep_journal(task.n_dims)
+            if found is not None or again:
+                self._saving.offer(self._snapshot(core), self._mark())
+        self._reports.weights()
         if self._ready:
             self._act_if_ready()
         else:
@@ -270,6 +279,35 @@ class LearnerNode(ManagedNode):
         self._saving.keeper().go_on_from(path, content)
         self.get_logger().info(f"resumed from {path} at step {core.step}")
 
+    def _note(self, observation: Observation) -> None:
+        """Write down what is learned from."""
+        if self.learning:
+            self._saving.note(observation)
+
+    def _mark(self) -> Mark:
+        """Where the learner is, for a checkpoint of now."""
+        assert self.core is not None
+        return Mark(self.core.step, *self._loop.newest)
+
+    def _go_through(self, core: Learner, *, fresh: bool) -> bool:
+        """Learn anew what a learner that was killed had learned since; whether there was any."""
+        if not self._saving.settings.resume:
+            return False
+        since = self._saving.observed_since(self._mark(), core.task.n_dims, fresh=fresh)
+        self._again = self._reports.silent = True
+        try:
+            for observation in since:
+                runtime.check()
+                self._loop.answer_again(observation)
+        except KeyboardInterrupt:
+            return False  # nothing is known that is not on disk; `_again` stays
+        self._again = self._reports.silent = False
+        if since:
+            self.get_logger().info(
+                f"learned anew from {len(since)} observations noted since; now at step {core.step}"
+            )
+        return bool(since)
+
     def _on_conflict(self, text: str) -> None:
         """Somebody says that the task is another one: act and learn no more."""
         if text != self._conflict:
@@ -286,6 +324,8 @@ class LearnerNode(ManagedNode):
 
     def _act_if_ready(self) -> None:
         if self.active and self._ready and not self._conflict and self._pretraining is None:
+            if self.core is not None and not (self.core.step or self.core.n_samples):
+                self._saving.begin_journal()
             self._loop.start()
             self.get_logger().info(f"acting on {self.resolve_topic_name('action')}")
 
@@ -325,8 +365,8 @@ class LearnerNode(ManagedNode):
         """Count the reward, and whether the answer explored; save now and then."""
         assert self.core is not None
         self._reports.answered(observation, source)
-        if self._solving is None and self._saving.due():
-            self._saving.offer(self._snapshot(self.core))
+        if self._solving is None and not self._again and self._saving.due():
+            self._saving.offer(self._snapshot(self.core), self._mark())
 
     def _update(self, core: Learner) -> None:
         """Compute beside this thread, and wait for a moment when the vehicle waits, too."""
@@ -334,7 +374,9 @@ class LearnerNode(ManagedNode):
             return
         self._before, self._since = self._snapshot(core, due=True), []
         self._solving = beside(core.begin_update())
-        if not self.settings.background and finished(self._solving, MOMENT):
+        while self._again and not finished(self._solving, MOMENT):
+            runtime.check()
+        if self._again or (not self.settings.background and finished(self._solving, MOMENT)):
             self._finish_solving()
 
     def _finish_solving(self) -> None:
@@ -428,7 +470,7 @@ class LearnerNode(ManagedNode):
         self.get_logger().info(result.text)
         self._act_if_ready()
         if self._saving.wanted:
-            self._saving.offer(self._snapshot(self.core))
+            self._saving.offer(self._snapshot(self.core), self._mark())
 
     # ------------------------------------------------------------ services and parameters
 
@@ -463,6 +505,7 @@ class LearnerNode(ManagedNode):
             self._reports.weights()
             self._ready = True
             self._act_if_ready()
+            self._saving.offer(self._snapshot(core), self._mark())
             response.success, response.message = True, f"loaded {path}"
         except InputError as error:
             response.success, response.message = False, str(error)
@@ -480,7 +523,7 @@ class LearnerNode(ManagedNode):
         return self.core
 
     def _save(self, core: Learner) -> str:
-        return self._saving.keeper().save(self._snapshot(core))
+        return self._saving.save(self._snapshot(core), self._mark())
 
     def _on_changed(self, _: Any) -> None:
         if self.core is not None:

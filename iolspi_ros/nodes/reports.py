@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
@@ -36,6 +37,8 @@ class Reports:
         self._pretraining = "none"
         self._key = (0, 0)
         self._episode = -1  # whose sums those are; -1 for that of whatever comes next
+        self.silent = False
+        """Whether what is reported was so before, and nothing is published."""
         self._begin()
 
     def _begin(self) -> None:
@@ -60,7 +63,7 @@ class Reports:
         if observation.last:
             sums = (self._score, self._discounted, self._explored, self._interventions)
             values = (*self._head(), *sums)
-            self._score_out.publish(self._score_rows.message(*values))
+            self._publish(self._score_out, self._score_rows.message(*values))
 
     def _watch(self, source: int) -> None:
         """Count how often a person takes over; what the vehicle holds meanwhile is still theirs."""
@@ -84,12 +87,16 @@ class Reports:
             float(np.linalg.norm(core.snapshot)), update.change, core.epsilon, core.n_samples,
             update.step, *update.facts.values(),
         )  # fmt: skip
-        self._update_out.publish(message)
+        self._publish(self._update_out, message)
 
     def weights(self) -> None:
         """Publish the weights in use."""
         message = wire.weights_message(self._core.snapshot, self._core.updates)
-        self._weights_out.publish(message)
+        self._publish(self._weights_out, message)
+
+    def _publish(self, out: Any, message: Any) -> None:
+        if not self.silent:
+            out.publish(message)
 
     def condition(self) -> tuple[dict[str, object], str]:
         """How the learner is, by name, and what is wrong with it; empty for nothing."""

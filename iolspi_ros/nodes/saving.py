@@ -11,9 +11,10 @@ from rcl_interfaces.msg import SetParametersResult
 from iolspi_ros import parameters
 from iolspi_ros.core.checkpoint import Content
 from iolspi_ros.core.keeper import Keeper, Snapshot
-from iolspi_ros.core.samples import Array
+from iolspi_ros.core.samples import Array, Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.control_loop import LoopMemory
+from iolspi_ros.nodes.journal import NOTHING, Journal, Mark, begun_from_nothing, read
 from iolspi_ros.settings import Settings, setting
 
 
@@ -80,6 +81,8 @@ class Saving:
         self.settings = parameters.declare(node, SavingSettings, ("checkpoint",))
         self._first = self.settings.checkpoint
         self._keeper: Keeper | None = None
+        self._journal: Journal | None = None
+        self._n_dims = 0  # of what is noted; 0 for nothing
         node.add_on_set_parameters_callback(self._check)
 
     def _check(self, changed: list[Any]) -> SetParametersResult:
@@ -140,17 +143,58 @@ class Saving:
         if self._keeper is not None:
             self._keeper.updated()
 
-    def offer(self, snapshot: Snapshot) -> None:
-        """Have a checkpoint written in the background."""
-        self.keeper().offer(snapshot)
+    def offer(self, snapshot: Snapshot, mark: Mark) -> None:
+        """Have a checkpoint written in the background, and note what comes after its mark."""
+        keeper = self.keeper()
+        saved = keeper.saved > 0.0 and not keeper.failure
+        keeper.offer(snapshot)
+        self._note_from(mark, saved=saved)
+
+    def save(self, snapshot: Snapshot, mark: Mark) -> str:
+        """Write a checkpoint now; where it is, in words."""
+        text = self.keeper().save(snapshot)
+        self._note_from(mark, saved=True)
+        return text
+
+    # ------------------------------------------------------------ what comes between two
+
+    def keep_journal(self, n_dims: int) -> None:
+        """Have what is observed between two checkpoints written down from the next one on."""
+        self._n_dims = n_dims
+
+    def note(self, observation: Observation) -> None:
+        """Write an observation down, if that is wanted."""
+        if self._journal is not None:
+            self._journal.note(observation)
+
+    def begin_journal(self) -> None:
+        """Note what comes from now on, when nothing was learned yet."""
+        if self._journal is None:
+            self._note_from(NOTHING, saved=False)
+
+    def observed_since(self, mark: Mark, n_dims: int, *, fresh: bool) -> list[Observation]:
+        """What was observed after a checkpoint, or from the beginning, by one that was killed."""
+        keeper = self.keeper()
+        if fresh:
+            keeper.run = begun_from_nothing(keeper.path) or keeper.run
+        return read(keeper.path, keeper.run, mark, n_dims)
+
+    def _note_from(self, mark: Mark, *, saved: bool) -> None:
+        if self._journal is None and self._n_dims:
+            self._journal = Journal(self.keeper().path, self._n_dims, self._say)
+        if self._journal is not None:
+            self._journal.begin(self.run, mark, saved=saved)
 
     @property
     def run(self) -> str:
         """Name of the series of checkpoints."""
         return self._keeper.run if self._keeper is not None else ""
 
-    def close(self) -> None:
-        """Let others have the place."""
+    def close(self, *, all_saved: bool = False) -> None:
+        """Let others have the place; what was noted is not needed when all of it was saved."""
+        if self._journal is not None:
+            self._journal.close(needed=not all_saved)
+            self._journal = None
         if self._keeper is not None:
             self._keeper.close()
             self._keeper = None
