@@ -154,7 +154,9 @@ class Bridge(ManagedNode):
         self._runner = Runner(self._flight, self._vehicle_clock, self._say)
         self._runner.start()
         self._check("result", "passed")
-        self.get_logger().info("preflight passed: activate the bridge to fly")
+        self.get_logger().info(
+            "preflight passed; it flies once it is activated: iolspi manage bridge activate"
+        )
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""

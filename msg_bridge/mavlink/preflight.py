@@ -178,7 +178,10 @@ class Preflight:
         words = []
         if t.strangers:
             systems = ", ".join(map(str, sorted(t.strangers)))
-            words.append(f"heard system {systems}, not {t.system}: set `system`")
+            words.append(
+                f"heard system {systems}, not {t.system}: set `system` (iolspi fly --bridge "
+                f"system={min(t.strangers)})"
+            )
         if codec.rejected and t.autopilot is None:
             words.append(f"{codec.rejected} packets were broken, unsigned or wrongly signed")
         if t.texts:
