@@ -144,6 +144,13 @@ def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
         assert "COM_OF_LOSS_T was 1.5, set to 0.5" in nobody.stdout
         assert "nothing comes at udpout:127.0.0.1:9" in nobody.stdout
         assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 0.5
+        with sitl.lock:
+            sitl.autopilot.commander.armed = True
+        armed = fly(places, "--restore", "--url", url)
+        assert armed.returncode == 1
+        assert "it is armed: nothing is changed" in armed.stdout
+        with sitl.lock:
+            sitl.autopilot.commander.armed = False
         done = fly(places, "--restore", "--url", url)
         assert done.returncode == 0, done.stdout + done.stderr
         assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.5

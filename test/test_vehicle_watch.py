@@ -15,7 +15,7 @@ class Node:
 
     def __init__(self):
         self.said, self.failed, self.periods, self.cancelled = [], [], [], 0
-        self.get_logger = lambda: SimpleNamespace(warning=self.said.append)
+        self.get_logger = lambda: SimpleNamespace(info=self.said.append)
         self.get_publishers_info_by_topic = lambda topic: []
         self.fail = self.failed.append
 

@@ -65,10 +65,11 @@ class VehicleWatch:
             self._node.fail(self._no_vehicle(why))
             return
         if self._looked % _QUIET == 0:
-            seconds = _NEWS * (self._looked + 1)
-            self._node.get_logger().warning(
-                f"waiting for a vehicle: {why or f'nothing on {self._topic} for {seconds:g} s'}"
-            )
+            seconds, log = _NEWS * (self._looked + 1), self._node.get_logger()
+            if why:
+                log.warning(f"waiting for a vehicle: {why}")
+            else:
+                log.info(f"waiting for a vehicle: nothing on {self._topic} for {seconds:g} s")
         self._looked += 1
 
     def _no_vehicle(self, why: str) -> InputError:
