@@ -21,6 +21,9 @@ from sim_nodes.tasks.slung_load import SlungLoad
 
 CHANGES = {"px4": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"), "ardupilot": ("GUID_TIMEOUT", "PSC_JERK_XY")}
 
+RESTING = {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5, "COM_DISARM_PRFLT": 0.0}
+"""Parameters of one that a killed bridge has left, and that stays armed on the ground."""
+
 
 def plan(autopilot="embedded", **given):
     options = {"url": None, "like": "px4", "speed_up": 1.0, "load": "feed", "demonstration": 5,
@@ -135,7 +138,7 @@ def test_what_was_flown_comes_first_and_what_was_seen_of_it():
 def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
     memory = Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path)
     vehicle = Identity("px4", 1, "07")
-    with Sitl("px4", ["udpin:127.0.0.1:0"], {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5}) as sitl:
+    with Sitl("px4", ["udpin:127.0.0.1:0"], RESTING) as sitl:
         url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
         kept = Remembered({"COM_OF_LOSS_T": 1.5}, {"COM_OF_LOSS_T": 0.5})
         memory.keep(vehicle, "udpout:127.0.0.1:9", kept)
