@@ -39,6 +39,7 @@ setup(
         "bench": ["mushroom-rl==1.10.2"],
         "gymnasium": ["gymnasium[box2d]>=1.0"],
         "minari": ["minari[hdf5]>=0.5.3"],
+        "lerobot": ["lerobot>=0.4"],
         "cockpit": ["nicegui>=3"],
     },
     zip_safe=True,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import signal
 import socket
 import subprocess
@@ -153,6 +154,13 @@ class Graph:
         """End a node as the machine would end it, without a word."""
         self._processes[name].kill()
         self._processes[name].wait()
+
+    def limit_files(self, name: str, size: int | None) -> None:
+        """Let a node write no byte beyond so many of any file, as a full disk; None: as before."""
+        most = resource.RLIM_INFINITY if size is None else size
+        pid = self._processes[name].pid
+        _, hard = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, hard))
 
     def end(self, name: str, patience: float = PATIENCE) -> None:
         """End one node before the others, if it is there; kill it when it does not listen."""

@@ -1,9 +1,11 @@
-"""What our own processes are given before numpy loads; importing the package changes nothing."""
+"""What our own processes have in common; importing the package changes nothing."""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
+import sys
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 _ROOM = 256 * 2**20  # [B]
@@ -25,3 +27,10 @@ def prepare() -> None:
         return
     for option in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
         mallopt(option, _ROOM)
+
+
+def say(text: str) -> None:
+    """Tell a person; that a full disk or a closed pipe takes no words ends nothing."""
+    with contextlib.suppress(OSError, ValueError):  # ValueError: of a stream that is closed
+        if sys.stderr is not None:
+            print(text, file=sys.stderr, flush=True)

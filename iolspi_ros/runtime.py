@@ -28,13 +28,14 @@ from iolspi_ros import environment
 from iolspi_ros.arguments import without_files
 from iolspi_ros.beside import computing
 from iolspi_ros.errors import InputError
+from iolspi_ros.process import say
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that ask a process of ours to save and end."""
 LOOK = 0.05
 """Seconds between two looks at what no message brings about: silence, time, a signal."""
 CATCH_UP, MOST_MESSAGES = 0.25, 100
-"""Seconds between two looks for messages that nobody announced; of one topic at most."""
+"""Seconds between two looks for what nobody announced; of one topic or service at most."""
 GLANCE, MOST_EVENTS = 0.002, 50
 """Seconds without an event after which nodes in one process go on stepping; events at most."""
 RCLError: type[Exception] = rclpy_implementation.RCLError
@@ -52,7 +53,7 @@ def executor(context: Context | None = None) -> Executor:
 
 
 class Loop:
-    """Handles the events of nodes, also of messages that came without one.
+    """Handles the events of nodes, also of messages, requests and answers that came without one.
 
     When an executor begins to listen, rmw_fastrtps counts what waits and after that asks for
     events. Of a message between the two nobody ever hears, and as each event takes one message
@@ -83,14 +84,48 @@ class Loop:
 
     def _catch_up(self) -> None:
         for node in self._nodes:
-            for subscription in list(node.subscriptions):
-                handle = subscription.handle
-                with contextlib.suppress(InvalidHandle), handle:
-                    for _ in range(MOST_MESSAGES):
-                        taken = handle.take_message(subscription.msg_type, subscription.raw)
-                        if taken is None:
-                            break
-                        subscription.callback(taken[0])
+            for entities, take in (
+                (node.subscriptions, _take_message),
+                (node.services, _take_request),
+                (node.clients, _take_response),
+            ):
+                for entity in list(entities):
+                    with contextlib.suppress(InvalidHandle):
+                        for _ in range(MOST_MESSAGES):
+                            if not take(entity):
+                                break
+
+
+def _take_message(subscription: Any) -> bool:
+    """Handle a message that waits, if there is one."""
+    handle = subscription.handle
+    with handle:
+        taken = handle.take_message(subscription.msg_type, subscription.raw)
+    if taken is not None:
+        subscription.callback(taken[0])
+    return taken is not None
+
+
+def _take_request(service: Any) -> bool:
+    """Answer a request that waits, if there is one."""
+    handle = service.handle
+    with handle:
+        request, header = handle.service_take_request(service.srv_type.Request)
+    if header is not None:
+        response = service.callback(request, service.srv_type.Response())
+        service.send_response(response, header)
+    return header is not None
+
+
+def _take_response(client: Any) -> bool:
+    """Hand on an answer that waits, if there is one."""
+    handle = client.handle
+    with handle:
+        header, response = handle.take_response(client.srv_type.Response)
+    if header is not None:
+        with contextlib.suppress(KeyError):  # nobody waits for it any more
+            client.get_pending_request(header.request_id.sequence_number).set_result(response)
+    return header is not None
 
 
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
@@ -220,14 +255,14 @@ def main(
     except KeyboardInterrupt:
         pass
     except InputError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        say(f"{name}: {error}")
         status = 2
     except RCLError as error:  # of a parameter that is no YAML
-        print(f"{name}: {_first_line(error)}", file=sys.stderr)
+        say(f"{name}: {_first_line(error)}")
         status = 2
     if computing():  # nobody waits for that any more, and an orderly end would
-        sys.stdout.flush()
-        sys.stderr.flush()
+        with contextlib.suppress(OSError):
+            sys.stdout.flush()
         os._exit(status)
     return status
 
@@ -292,7 +327,7 @@ def _put_away(node: Node, name: str) -> int:
     try:
         node.close()
     except InputError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        say(f"{name}: {error}")
         status = 1
     with contextlib.suppress(RCLError):
         node.destroy_node()

@@ -22,6 +22,7 @@ from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from iolspi_ros.vitals import SILENCE, Pulse, Report, Vitals
+from sim_nodes.camera import Camera
 from sim_nodes.markers import Markers
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Task
@@ -80,7 +81,7 @@ class VehicleMemory:
 
 
 class Simulator(ManagedNode):
-    """Publishes `task`, `state`, `reward`, `/clock`, `markers`; takes `action`."""
+    """Publishes `task`, `state`, `reward`, `/clock` and pictures; takes `action`."""
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("simulator", arguments)
@@ -110,6 +111,7 @@ class Simulator(ManagedNode):
         )
         self._clock_message = Clock()
         self._markers = Markers(self, self.world.task)
+        self._camera = Camera(self, self.world.task)
         self._vitals = Vitals(self, "simulating", ("task", "state", "reward"), self._diagnose)
         self._kept = [
             self.create_subscription(
@@ -149,6 +151,7 @@ class Simulator(ManagedNode):
         self._topics.close()
         self._vitals.close()
         self._markers.close()
+        self._camera.close()
         if self._clock_out is not None:
             self.destroy_publisher(self._clock_out)
         self.destroy_timer(self._timer)
@@ -254,6 +257,7 @@ class Simulator(ManagedNode):
             self._clock_out.publish(self._clock_message)
         self._topics.publish()
         self._markers.show(self._observation)
+        self._camera.show(self.world.task, self._observation)
 
     # ------------------------------------------------------------ what comes in
 

@@ -1,6 +1,8 @@
 """The node `cockpit` on a graph, with a browser that is a socket alone."""
 
+import base64
 import contextlib
+import io
 import json
 import re
 import socket
@@ -9,9 +11,10 @@ import urllib.error
 import urllib.request
 
 import numpy as np
+import PIL.Image
 import pytest
 from conftest import Peer
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import CompressedImage, Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -197,6 +200,19 @@ def test_what_the_vehicle_shows_comes_to_the_page(graph, page):
     assert now["who"] == "person"
     assert now["state"] == [0.5, -0.25 * now["step"]]
     assert now["reward"] == -1.0 * now["step"]
+
+
+def test_images_of_the_vehicle_come_to_the_page_and_nothing_else_does(graph, page, nodes):
+    images = graph.publisher("image/compressed", CompressedImage, qos.LATCHED)
+    images.publish(CompressedImage(format="gif", data=b"GIF89a" * 10))
+    graph.until(lambda: "60 bytes of 'gif'" in nodes.log("cockpit"))
+    drawn = io.BytesIO()
+    PIL.Image.new("RGB", (3, 2), "red").save(drawn, "PNG")
+    images.publish(CompressedImage(format="png", data=drawn.getvalue()))
+    graph.until(lambda: page.look() or "image" in page.shown)
+    kind, content = page.shown["image"].split(",")
+    assert kind == "data:image/png;base64"
+    assert base64.b64decode(content) == drawn.getvalue()
 
 
 def test_verdicts_are_the_demonstrator_s_services(graph, page):

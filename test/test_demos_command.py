@@ -1,7 +1,9 @@
 """`iolspi demos` and `iolspi new-task`, as a user types them."""
 
+import contextlib
 import csv
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ import yaml
 from test_any_bag import TASK, flight, samples, write
 
 from iolspi_ros import bags, cli
+from iolspi_ros.bags import lerobot
 from iolspi_ros.bags.export import write_bag
 from iolspi_ros.bags.survey import oddities
 from iolspi_ros.core.learner import Source
+from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from iolspi_ros.task import load
@@ -247,6 +251,53 @@ def test_another_s_dataset_is_imported(iolspi, tmp_path, datasets):
     np.testing.assert_array_equal(found.next_state, states[1:])
     assert found.action.tolist() == [0, 1, 2, 0]
     assert found.terminated.tolist() == [False, False, False, True]
+
+
+@pytest.mark.parametrize("gap", [False, True])
+def test_lerobot_reads_what_was_written(iolspi, tmp_path, gap):
+    module = pytest.importorskip(
+        "lerobot.datasets.lerobot_dataset", reason="LeRobot is not installed: pip install lerobot"
+    )
+    task = Pendulum().description
+    flown = bags.read_demonstration(Path(SET_1), task).samples[:650]
+    if gap:
+        del flown[100]
+    write_bag(tmp_path / "bag", flown, task)
+    out = tmp_path / "a.lerobot"
+    assert iolspi("demos", "export", tmp_path / "bag", "--out", out)[0] == 0
+    dataset = module.LeRobotDataset("local/a", root=out)
+    assert (len(dataset), dataset.fps) == (len(flown), round(1 / task.sampling_time))
+    assert dataset.num_episodes == 3 + gap
+    exact = np.stack(dataset.hf_dataset.with_format(None)["observation.state"])
+    np.testing.assert_array_equal(exact, [s.transition.state for s in flown])
+    for sample, frame in zip(flown, dataset, strict=False):
+        t = sample.transition
+        np.testing.assert_array_equal(frame["observation.state"].numpy(), np.float32(t.state))
+        assert float(frame["action"]) == task.actions[t.action].value[0]
+        told = [frame[key].item() for key in ("action_index", "next.reward", "stamp", "source")]
+        assert told == [t.action, np.float32(t.reward), sample.stamp, int(sample.source)]
+    status, said = iolspi("demos", "export", tmp_path / "bag", "--out", out)
+    assert status == 2
+    assert "exists already" in said
+
+
+class Failing:
+    """LeRobot's library when a disk is full."""
+
+    @classmethod
+    def create(cls, *_, root, **__):
+        root.mkdir()
+        raise OSError(28, "No space left on device")
+
+
+def test_an_export_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(lerobot, "_library", lambda: Failing)
+    monkeypatch.setattr(lerobot, "_quiet", contextlib.nullcontext)
+    with pytest.raises(InputError, match="No space left"):
+        lerobot.write_lerobot(
+            tmp_path / "a.lerobot", bags.read_demonstration(Path(SET_1), Pendulum().description)
+        )
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["minari:nothing/here-v0", "minari:../x", "here", "minari:"])

@@ -1,10 +1,16 @@
 """Environments of Gymnasium as vehicles: described, flown, learned, alone and through the graph."""
 
+import io
+import itertools
 import signal
 
 import numpy as np
+import PIL.Image
 import pytest
+from conftest import Peer
+from sensor_msgs.msg import CompressedImage
 
+from iolspi_ros import qos
 from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import learner_class
 from iolspi_ros.errors import InputError
@@ -156,6 +162,61 @@ def test_noise_on_numbered_actions_is_refused():
     world.begin(0)
     with pytest.raises(InputError, match="numbers in a list"):
         world.move(0, 0)
+
+
+@pytest.mark.parametrize("name", ["CartPole-v1", "LunarLander-v3"])
+def test_looking_changes_nothing_and_shows_what_the_environment_draws(name):
+    def fly(looking):
+        vehicle, seen, images = task_class(f"gymnasium:{name}")(), [], []
+        for seed in (7, 8):
+            states = [vehicle.begin(seed)]
+            for k in range(15):
+                images.append(vehicle.image() if looking else None)
+                state, reward, *ended = vehicle.advance(k % 2)
+                states.append(np.array([*state, reward, *ended]))
+            seen += states
+        return seen, images
+
+    alone, (watched, images) = fly(looking=False)[0], fly(looking=True)
+    for one, other in zip(alone, watched, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert all(image is None for image in images[:15])  # from the next episode on
+    env = gymnasium.make(name, render_mode="rgb_array")
+    env.reset(seed=8)
+    np.testing.assert_array_equal(images[15], env.render())
+    assert any((a != b).any() for a, b in itertools.pairwise(images[15:]))
+
+
+def test_what_cannot_draw_itself_says_so(monkeypatch):
+    vehicle = task_class(CART_POLE)()
+    vehicle.image()
+    vehicle.begin(0)
+
+    def fail():
+        raise gymnasium.error.DependencyNotInstalled("pygame is not installed")
+
+    monkeypatch.setattr(vehicle._env, "render", fail)
+    with pytest.raises(InputError, match="pygame is not installed"):
+        vehicle.image()
+    silent = task_class(CART_POLE)()
+    monkeypatch.setitem(silent._env.unwrapped.metadata, "render_modes", ["ansi"])
+    for seed in (0, 1):
+        assert silent.image() is None
+        silent.begin(seed)
+
+
+def test_whoever_looks_sees_its_images(nodes, ros):
+    peer = Peer(ros)
+    peer.listen("image/compressed", CompressedImage, qos.LATCHED)
+    nodes.start(
+        "simulator", "-p", f"task:={CART_POLE}", "-p", "mode:=realtime",
+        "-p", "real_time_factor:=10.0",
+    )  # fmt: skip
+    peer.until(lambda: peer.heard["image/compressed"])
+    message = peer.heard["image/compressed"][0]
+    image = PIL.Image.open(io.BytesIO(message.data))
+    assert (image.format, image.size) == ("JPEG", (600, 400))
+    assert message.header.stamp.sec + message.header.stamp.nanosec > 0
 
 
 def test_the_graph_gives_the_same_weights_as_no_graph(nodes, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from conftest import Peer
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from iolspi_ros import bags, qos, wire
@@ -374,6 +374,24 @@ def test_verdicts_decide_what_the_bag_and_the_learner_get(nodes, person, tmp_pat
     assert found.card["samples"] == len(found.samples) == 600
     assert person.piloting()["phase"] == Phase.ENDED
     assert "has ended" in person.ask("undo").message
+
+
+def test_advice_says_what_would_be_learned_and_what_helps_most(nodes, person):
+    person.listen("advice", String, qos.LATCHED)
+    nodes.start("simulator")
+    demonstrate(nodes, review=True)
+    advice = lambda: person.heard["advice"][-1].data if person.heard["advice"] else ""  # noqa: E731
+    person.until(lambda: advice().startswith("Perform"))  # nothing is kept yet
+    for taught in ("Taught by this episode", "Taught by these 2 episodes"):
+        fly(person, Phase.REVIEW)
+        assert person.ask("keep").success
+        person.until(lambda: advice().startswith("Learning beside"))
+        person.until(lambda taught=taught: advice().startswith(taught), 60.0)
+        assert "end upright from" in advice()
+        assert "Kept: " in advice()
+    assert person.ask("undo").success
+    person.until(lambda: "Kept: 300 samples" in advice())
+    person.until(lambda: advice().startswith("Taught by this episode"), 60.0)
 
 
 def test_a_kill_costs_the_running_episode_alone(nodes, person, tmp_path):

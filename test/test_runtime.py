@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -10,10 +12,12 @@ import rclpy
 from conftest import ENDS, Peer
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import Trigger
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
+from iolspi_ros.process import say
 from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from sim_nodes.tasks.pendulum import Pendulum
 
@@ -77,6 +81,44 @@ def test_a_message_without_an_event_makes_no_later_one_late(ros):
     assert heard == ["first", "second", "third"]
 
 
+def listening(node):
+    """An executor that listens: of what comes from now on it is told, and nobody else."""
+    executor = runtime.executor()
+    executor.add_node(node)
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0.1)
+    return executor
+
+
+def test_a_call_without_an_event_is_answered_all_the_same(ros):
+    """Both the request and the answer: their events are lost with an executor."""
+    asker, answerer = ros.create_node("asker"), ros.create_node("answerer")
+    asked = []
+
+    def answer(_, response):
+        asked.append(1)
+        response.success = True
+        return response
+
+    answerer.create_service(Trigger, "question", answer)
+    client = asker.create_client(Trigger, "question")
+    assert client.wait_for_service(60.0)
+    of_asker, of_answerer = listening(asker), listening(answerer)
+    pending = client.call_async(Trigger.Request())
+    time.sleep(0.5)  # until it is there; should it come later, the test shows nothing
+    of_answerer.shutdown()
+    loop, end = runtime.Loop(answerer), time.monotonic() + 60.0
+    while not asked and time.monotonic() < end:
+        loop.once(0.1)
+    time.sleep(0.5)
+    of_asker.shutdown()
+    loop = runtime.Loop(asker)
+    while not pending.done() and time.monotonic() < end:
+        loop.once(0.1)
+    assert asked == [1]
+    assert pending.result().success
+
+
 def test_an_action_for_what_was_not_shown_yet_takes_no_vehicle(ros):
     topics = VehicleTopics(ros.create_node("vehicle"), Pendulum.description)
     topics.show(Observation(3, 7, np.zeros(2)))
@@ -105,3 +147,28 @@ def test_who_holds_a_vehicle_and_is_ended_gives_it_back(nodes, ros):
     peer.until(lambda: said()[-3:] == [1.0, 1.0, 1.0])
     assert nodes.end("demonstrator") == 0
     peer.until(lambda: said()[-1] == 0.0)
+
+
+def nobody(kind):
+    """A place that takes no words."""
+    if kind == "full":
+        return open("/dev/full", "w")
+    out, into = os.pipe()
+    os.close(out)
+    return open(into, "w")
+
+
+@pytest.mark.parametrize("kind", ["full", "unread"])
+def test_words_that_nothing_takes_change_no_end(domain, kind):
+    command = [sys.executable, "-m", "iolspi_ros.nodes.start", "simulator", "--ros-args"]
+    place = nobody(kind)
+    refused = subprocess.run([*command, "-p", "task:=nowhere"], stdout=place, stderr=place)
+    assert refused.returncode == 2
+
+
+def test_without_a_stream_nothing_is_said(monkeypatch):
+    with open(os.devnull, "w") as closed:
+        pass
+    for stream in (None, closed):
+        monkeypatch.setattr(sys, "stderr", stream)
+        say("a word")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,27 @@ from iolspi_ros.bags.writer import BagWriter
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.task import TaskDescription, dump
+
+
+def pieces(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
+    """Samples in runs, each of which begins where the one before it ended."""
+    piece: list[Sample] = []
+    for sample in samples:
+        if piece and not _follows(piece[-1], sample):
+            yield piece
+            piece = []
+        piece.append(sample)
+    if piece:
+        yield piece
+
+
+def _follows(before: Sample, sample: Sample) -> bool:
+    last = before.transition
+    return (
+        (sample.episode, sample.step) == (before.episode, before.step + 1)
+        and not (last.terminated or last.truncated)
+        and np.array_equal(last.next_state, sample.transition.state)
+    )
 
 
 def write_bag(path: Path, samples: Sequence[Sample], task: TaskDescription) -> None:
@@ -49,7 +70,7 @@ def write_csv(path: Path, found: Demonstration) -> None:
                      *t.next_state.tolist(), int(t.terminated), int(t.truncated), int(s.source)]
                 )  # fmt: skip
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
 
 
 def write_npz(path: Path, found: Demonstration) -> None:
@@ -67,10 +88,11 @@ def write_npz(path: Path, found: Demonstration) -> None:
             task=np.array(dump(found.task)),
         )  # fmt: skip
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
 
 
-def _refused(path: Path, error: OSError) -> InputError:
+def refused(path: Path, error: OSError) -> InputError:
+    """A place that cannot be written to."""
     return InputError(
         f"--out {path} cannot be written: {error.strerror}; allowed: a place you may write to"
     )

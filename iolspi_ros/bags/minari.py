@@ -8,12 +8,13 @@ as it was.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from iolspi_ros.bags.demonstration import Demonstration
+from iolspi_ros.bags.export import pieces
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Sample, Transition
 from iolspi_ros.errors import InputError
@@ -88,27 +89,6 @@ def read_minari(name: str, task: TaskDescription | None) -> tuple[list[Sample], 
     for number, episode in enumerate(found.iterate_episodes()):
         samples += _samples(number, episode, first, len(samples), task)
     return samples, task
-
-
-def pieces(samples: Sequence[Sample]) -> Iterator[list[Sample]]:
-    """Samples in runs, each of which begins where the one before it ended."""
-    piece: list[Sample] = []
-    for sample in samples:
-        if piece and not _follows(piece[-1], sample):
-            yield piece
-            piece = []
-        piece.append(sample)
-    if piece:
-        yield piece
-
-
-def _follows(before: Sample, sample: Sample) -> bool:
-    last = before.transition
-    return (
-        (sample.episode, sample.step) == (before.episode, before.step + 1)
-        and not (last.terminated or last.truncated)
-        and np.array_equal(last.next_state, sample.transition.state)
-    )
 
 
 def _columns(piece: list[Sample]) -> dict[str, Any]:

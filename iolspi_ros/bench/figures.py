@@ -8,49 +8,56 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from iolspi_ros import figures
 from iolspi_ros.bench.learner import DEADLINE, JUMP, SOURCES, Curves
 from iolspi_ros.bench.scale import T_SECONDS, Grown, exponent, series
-from iolspi_ros.report.plots import ACCENT, FAINT, INK, REFERENCE
+from iolspi_ros.figures import REFERENCE, look
 
-_COLOURS = {"literal": FAINT, "refreshed": ACCENT}
+_LOOKS = {"literal": look(1), "refreshed": look(0)}
 
 
-def learning(found: Mapping[tuple[str, str], Curves], folder: Path) -> None:
-    """Cost over near-optimal by source, median and range of the seeds: learning.png."""
-    figure = Figure(figsize=(11.0, 6.0), layout="constrained")
-    panels = figure.subplots(2, 4, sharey=True).ravel()
+def learning(found: Mapping[tuple[str, str], Curves]) -> Figure:
+    """Cost over near-optimal by source, median and range of the seeds."""
+    figure, panels = figures.panels(9.0, 4, 2, sharey=True, sharex=True)
     for axes, title in zip(panels, (*SOURCES, JUMP), strict=True):
-        for algorithm, colour in _COLOURS.items():
+        figures.dress(axes, title)
+        for algorithm, how in _LOOKS.items():
             curves = found[title, algorithm]
             time, ratio = curves.time, curves.ratio
-            axes.fill_between(time, ratio.min(axis=0), ratio.max(axis=0), color=colour, alpha=0.25)
-            axes.plot(time, np.median(ratio, axis=0), color=colour, label=algorithm)
-        axes.axhline(1.0, color=REFERENCE, lw=1.0)
+            figures.band(axes, time, ratio.min(axis=0), ratio.max(axis=0), how)
+            figures.draw(axes, time, np.median(ratio, axis=0), how, algorithm)
+        figures.draw(axes, time[[0, -1]], [1.0, 1.0], REFERENCE, "near-optimal")
         if title in DEADLINE:
-            axes.axvline(DEADLINE[title], color=INK, lw=0.5, ls=":")
-        axes.set_title(title, loc="left", fontsize=10)
+            axes.axvline(DEADLINE[title], color=figures.FAINT, lw=0.8, ls=":")
         axes.set_ylim(0.99, 1.15)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[0].legend(frameon=False)
-    figure.supxlabel("vehicle time [s]")
-    figure.supylabel("discounted cost over near-optimal (median, and range of all seeds)")
-    figure.savefig(folder / "learning.png", dpi=110)
+    figure.supxlabel("vehicle time [s]", fontsize=figures.SMALL)
+    figure.supylabel(
+        "cost over near-optimal: median, and range of all seeds", fontsize=figures.SMALL
+    )
+    figures.legend(figure)
+    return figure
 
 
-def scaling(found: list[Grown], folder: Path) -> None:
-    """Time against the numbers of functions and of samples: scaling.png."""
-    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    panels = figure.subplots(1, 2)
-    panels[0].loglog(*zip(*T_SECONDS.items(), strict=True), "s--", color=INK, label="T Table 3")
-    for axes, over in zip(panels, ("functions", "samples"), strict=True):
-        for algorithm, colour in _COLOURS.items():
+def scaling(found: list[Grown]) -> Figure:
+    """Time against the numbers of functions and of samples."""
+    figure, panels = figures.panels(5.6, 2)
+    numbers, seconds = zip(*T_SECONDS.items(), strict=True)
+    figures.draw(panels[0], numbers, seconds, REFERENCE, "T Table 3")
+    titles = ("1,000 episodes", "324 functions")
+    for axes, over, title in zip(panels, ("functions", "samples"), titles, strict=True):
+        grown = []
+        for algorithm, how in _LOOKS.items():
             x, y = series(found, algorithm, over)
-            label = f"{algorithm}: {over} to the {exponent(x, y):.2f}"
-            axes.loglog(x, y, "o-", color=colour, label=label)
-        axes.set_xlabel(over)
-        axes.legend(frameon=False)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[0].set_ylabel("time [s]")
-    panels[0].set_title("1,000 episodes", loc="left", fontsize=10)
-    panels[1].set_title("324 functions", loc="left", fontsize=10)
-    figure.savefig(folder / "scaling.png", dpi=110)
+            grown.append(f"{algorithm} {exponent(x, y):.2f}")
+            figures.draw(axes, x, y, how, algorithm)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        figures.dress(axes, f"{title}: to the power {', '.join(grown)}", over, "time [s]")
+    figures.legend(figure)
+    return figure
+
+
+def write(folder: Path, name: str, figure: Figure) -> None:
+    """Put a figure into a folder, and what it shows beside it, in words."""
+    (folder / f"{name}.png").write_bytes(figures.png(figure))
+    (folder / f"{name}.txt").write_text(figures.alt(figure) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A graph that runs for long, while messages are lost and falsified and nodes are killed.
+"""A graph that runs for long, while messages are lost and falsified, nodes killed, disks full.
 
 A clean run and a harmed one, both in lockstep with the same seed. What is asked: does the harmed
 one learn as well, does every node come back with what it had, and do memory and files stay as they
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from scipy import stats
 from std_msgs.msg import Float64MultiArray
 
@@ -31,6 +31,10 @@ from sim_nodes.tasks import task_class
 
 KILL_EVERY = 60.0
 """Seconds of wall time between two kills."""
+FULL = 25.0
+"""Seconds of wall time for which the learner's disk is full: more than between checkpoints."""
+SAVE_EVERY = 10.0
+"""Seconds of wall time between two checkpoints."""
 RESEND = 0.01
 """Seconds after which a lost message is sent again."""
 SETTLED = 20.0
@@ -39,6 +43,7 @@ LAST = 0.25
 """Share of the episodes, the last ones, by which a run is judged."""
 PATIENCE = 120.0
 """Seconds without an episode after which a run counts as stuck."""
+KILLED, DISK = ("simulator", "learner", "relay"), "disk"
 FILES = ("memory [MB]", "open files")
 
 
@@ -57,6 +62,10 @@ class Run:
         Of each node and life: rows of wall time [s], memory [MB], open files.
     faults : str
         What the relay did, in words.
+    full, complaints : int
+        How often the learner's disk was full, and how often the learner said so meanwhile.
+    last_error : float
+        When the learner last said that something is wrong [s], of wall time.
     """
 
     scores: list[float] = field(default_factory=list)
@@ -66,6 +75,9 @@ class Run:
         default_factory=lambda: defaultdict(list)
     )
     faults: str = ""
+    full: int = 0
+    complaints: int = 0
+    last_error: float = 0.0
 
 
 def fly(
@@ -82,7 +94,7 @@ def fly(
     file, run, rng = resources.config(task), Run(), random.Random(seed)
     learner = {
         "seed": seed, "checkpoint": str(folder / "checkpoint.npz"), "resume": True,
-        "wait_for_demonstrations": False, "vehicle_timeout": 0.0, "checkpoint_seconds": 10.0,
+        "wait_for_demonstrations": False, "vehicle_timeout": 0.0, "checkpoint_seconds": SAVE_EVERY,
     }  # fmt: skip
     with graph.Graph(folder) as nodes, runtime.session(), _listening(run) as spin:
         if harmed:
@@ -90,7 +102,8 @@ def fly(
         simulator = {"task": task, "seed": seed, "resend_after": RESEND}
         nodes.start("simulator", simulator, file, namespace=VEHICLE if harmed else "")
         nodes.start("learner", learner, file)
-        killed, heard, last = time.monotonic(), 0, time.monotonic()
+        harm = Harm(nodes, run, rng, kill_every)
+        heard, last = 0, time.monotonic()
         while run.steps < steps:
             runtime.check()
             spin()
@@ -101,16 +114,62 @@ def fly(
                 show(run.steps)
             elif now - last > PATIENCE:
                 raise InputError(f"no episode ended for {PATIENCE:g} s; the logs are in {folder}")
-            if harmed and now - killed > kill_every:
-                killed = now
-                name = rng.choice(("simulator", "learner", "relay"))
-                nodes.kill(name)
-                run.kills[name] += 1
-                nodes.restart(name)
+            if harmed:
+                harm.look(now)
+        harm.stop()
     with suppress(OSError):
         run.faults = (folder / "relay.log").read_text().strip().rpartition("relay: ")[2]
     checkpoint.read(folder / "checkpoint.npz")  # whole
     return run
+
+
+class Harm:
+    """Kills nodes and fills the learner's disk: one of these, drawn, every so many seconds.
+
+    Parameters
+    ----------
+    nodes : Graph
+    run : Run
+        Where it is written down.
+    rng : random.Random
+    every : float
+        Seconds of wall time.
+    """
+
+    def __init__(self, nodes: graph.Graph, run: Run, rng: random.Random, every: float) -> None:
+        self._nodes, self._run, self._rng, self._every = nodes, run, rng, every
+        self._next, self._full_since = time.monotonic() + every, 0.0
+
+    def look(self, now: float) -> None:
+        """Do what is due."""
+        if self._full_since:
+            if now > self._full_since + FULL:
+                self.stop()
+        elif now > self._next and self._learner_heard:
+            self._do(self._rng.choice((*KILLED, DISK)), now)
+
+    @property
+    def _learner_heard(self) -> bool:
+        """Whether the learner of now has begun: it looks first whether it can save at all."""
+        return bool(self._run.vitals.get(("learner", self._run.kills["learner"])))
+
+    def _do(self, what: str, now: float) -> None:
+        self._next = now + self._every
+        if what == DISK:
+            self._nodes.limit_files("learner", 0)
+            self._full_since = now
+        else:
+            self._nodes.kill(what)
+            self._run.kills[what] += 1
+            self._nodes.restart(what)
+
+    def stop(self) -> None:
+        """Let the learner write again."""
+        if self._full_since:
+            self._nodes.limit_files("learner", None)
+            self._run.full += 1
+            self._run.complaints += self._run.last_error > self._full_since
+            self._full_since, self._next = 0.0, time.monotonic() + self._every
 
 
 @contextmanager
@@ -128,6 +187,8 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
     def on_vitals(message: Any) -> None:
         for status in message.status:
             name = status.name.split(":")[0].split("/")[-1]
+            if name == "learner" and status.level == DiagnosticStatus.ERROR:
+                run.last_error = time.monotonic()
             said = {pair.key: pair.value for pair in status.values}
             if all(key in said for key in FILES):
                 numbers = (time.monotonic(), *(float(said[key]) for key in FILES))
@@ -182,6 +243,9 @@ def rows(clean: Run, harmed: Run) -> list[Row]:
         Row("clean: steps flown", clean.steps, ""), Row("harmed: steps flown", harmed.steps, ""),
         Row("kills", harmed.kills.total(), f"({dict(harmed.kills)})"),
         Row("faults", 0.0, harmed.faults),
+        Row("learner's disk full", harmed.full, f"times for {FULL:g} s"),
+        Row("said by the learner", harmed.complaints, "of these", "all",
+            harmed.complaints == harmed.full),
         Row("clean: return of an episode, the last quarter", float(a.mean()), ""),
         Row("harmed: the same", float(b.mean()), ""),
         Row("return lost by the harm", 100 * lost, f"± {100 * spread:.2g} %", "at most 2",

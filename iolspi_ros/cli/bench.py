@@ -58,7 +58,7 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
         with bar("learner [realisations]", learner.total(seeds)) as show:
             learned = learner.measure(seeds, show)
         if plots:
-            figures.learning(learned, plots)
+            figures.write(plots, "learning", figures.learning(learned))
         return learner.rows(learned)
     if subject == "safety":
         from iolspi_ros.bench import safety
@@ -85,7 +85,7 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
     with bar("scale [runs]", scale.RUNS) as show:
         found = scale.measure(show)
     if plots:
-        figures.scaling(found, plots)
+        figures.write(plots, "scaling", figures.scaling(found))
     return scale.rows(found)
 
 

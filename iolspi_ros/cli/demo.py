@@ -14,7 +14,7 @@ from iolspi_ros.cli.app import app
 from iolspi_ros.cli.cockpit import start_cockpit
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
 from iolspi_ros.cli.following import Follower
-from iolspi_ros.cli.progress import baseline, console
+from iolspi_ros.cli.progress import baseline, console, so_far
 from iolspi_ros.cli.selecting import CONFIG, RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
@@ -72,7 +72,6 @@ def demo(
         f"Learning [bold]{model.description.name}[/bold] {taught.text}, online for "
         f"{count} episodes.\nThe graph is in ROS_DOMAIN_ID={domain}, on this machine only."
     )
-    start = time.monotonic()
     with (
         BagWriter(out / "bag") as recording,
         watching(model.description, recording) as monitor,
@@ -96,7 +95,7 @@ def demo(
         except (InputError, KeyboardInterrupt):
             console.print(f"What there is of it is in {out}: the nodes' logs, a bag, a checkpoint.")
             raise
-    _report(out, task, model, file, history, start, extra | {"seed": seed}, taught)
+    _report(out, task, model, file, history, extra | {"seed": seed}, taught)
 
 
 @dataclass(frozen=True)
@@ -197,12 +196,12 @@ def _report(
     vehicle: Any,
     file: Path | None,
     history: Any,
-    start: float,
     extra: dict[str, Any],
     taught: Taught,
 ) -> None:
     """Compute what needs no graph, and write the pages."""
     from iolspi_ros.experiments.headless import prepare, train_beside
+    from iolspi_ros.report import headline
     from iolspi_ros.report import run as report
 
     about = vehicle.description
@@ -212,7 +211,7 @@ def _report(
     subject = report.Subject(vehicle, learner, history, None)
     extra |= taught.facts | {
         "shown_success_fraction": report.share_shown(subject),
-        "wall_seconds": round(time.monotonic() - start, 1),
+        "wall_seconds": round(so_far(), 1),
     }
     title = f"Learning the {about.name.replace('_', ' ')} on a graph"
     subject = subject._replace(baseline=baseline(vehicle))
@@ -221,7 +220,7 @@ def _report(
             task, file, extra["seed"], history.demonstrations, len(history.scores)
         )
         summary = report.finish(out, title, taught.lead, subject, extra, beside)
-    number, of_what = report.how_good(summary)
+    number, of_what = headline.how_good(summary)
     before = summary.get("success_fraction_offline") if taught.bags else None
     offline = "" if before is None else (
         f"; after the demonstrations alone it was {before:.0%} of the starts"
@@ -231,8 +230,9 @@ def _report(
         f"[bold]{number}[/bold] {of_what};\n"
         f"{summary['shown_success_fraction']:.0%} of the {len(report.whole(history.shown))} "
         f"episodes shown on the graph {about.success}{offline}. "
-        f"That took {time.monotonic() - start:.0f} s, {summary['wall_seconds']:.0f} of them on the "
-        "graph.\n"
+        f"{summary['headline_note']}\n"
+        f"That took {so_far():.0f} s, {summary['wall_seconds']:.0f} of them until the graph was "
+        "done.\n"
         f"Look at [bold]{out / 'report.html'}[/bold]\n"
         f"Fly it yourself, in the browser: make cockpit, or iolspi cockpit --task {task}"
     )

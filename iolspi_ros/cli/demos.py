@@ -160,6 +160,7 @@ def plot(
     topics: TOPICS = None,
 ) -> None:  # fmt: skip
     """Draw where the samples are (T figs. 6-9), as PNG."""
+    from iolspi_ros import figures
     from iolspi_ros.report import plots
     from iolspi_ros.task.maps import map_limits
 
@@ -170,8 +171,9 @@ def plot(
         raise InputError(f"--out {out} exists already; allowed: a file that is not there yet")
     states = found.transitions().state
     limits = map_limits(found.task, states)
-    plots.visit_maps(found.task, states, states[:0], limits).savefig(out, dpi=150)
-    console.print(f"{out}: where {len(states)} samples are")
+    figure = plots.visit_maps(found.task, [("Samples", states)], limits)
+    out.write_bytes(figures.png(figure))
+    console.print(f"{out}: {figures.alt(figure)}")
 
 
 @demos.command()
@@ -229,26 +231,33 @@ def corrupt(
 @demos.command()
 def export(
     bag: BAG,
-    out: Annotated[str, typer.Option(help="A new .csv or .npz file, or minari:NAME/SET-v0.")],
+    out: Annotated[
+        str,
+        typer.Option(help="A new .csv or .npz file, a new .lerobot folder, or minari:NAME/SET-v0."),
+    ],
     task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0, topics: TOPICS = None,
 ) -> None:  # fmt: skip
-    """Write the samples as a table (.csv), as arrays (.npz) or as a dataset of Minari."""
+    """Write the samples as a table (.csv), arrays (.npz), or a dataset of LeRobot or Minari."""
     from iolspi_ros.bags.export import write_csv, write_npz
+    from iolspi_ros.bags.lerobot import SUFFIX, write_lerobot
     from iolspi_ros.bags.minari import write_minari
 
     if dataset := _dataset(out):
         found = _read(bag, task, vehicle, run, topics)
         write_minari(dataset, found)
     else:
-        path, writers = Path(out), {".csv": write_csv, ".npz": write_npz}
+        path = Path(out)
+        writers = {".csv": write_csv, ".npz": write_npz, SUFFIX: write_lerobot}
         if path.suffix not in writers:
             raise InputError(
-                f"--out is {out}; allowed: a name that ends in .csv or .npz, or minari:NAME/SET-v0"
+                f"--out is {out}; allowed: a name that ends in {', '.join(writers)}, or "
+                "minari:NAME/SET-v0"
             )
         if path.exists():
-            raise InputError(f"--out {out} exists already; allowed: a file that is not there yet")
+            raise InputError(f"--out {out} exists already; allowed: one that is not there yet")
         found = _read(bag, task, vehicle, run, topics)
-        writers[path.suffix](path, found)
+        with console.status(f"writing {len(found.samples)} samples …"):
+            writers[path.suffix](path, found)
     console.print(f"{out}: {len(found.samples)} samples")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -10,7 +9,7 @@ import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.flight_plan import AUTOPILOTS, TASK, FlightPlan, describe, make_plan, practise
-from iolspi_ros.cli.progress import console
+from iolspi_ros.cli.progress import console, so_far
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
 
@@ -101,7 +100,6 @@ def _fly(plan: FlightPlan, out: Path) -> None:
     from sim_nodes.tasks import make_task
 
     vehicle = make_task(TASK, resources.parameters(plan.config, "simulator"), str(plan.config))
-    start = time.monotonic()
     if plan.practice:
         plan = practise(plan, out)
     with (
@@ -123,7 +121,6 @@ def _fly(plan: FlightPlan, out: Path) -> None:
         finally:
             warnings.finish()
             end_bridge(nodes, plan)
-    seconds = round(time.monotonic() - start, 1)
-    flight_report.write(out, vehicle, plan, monitor, flown, seconds)
+    flight_report.write(out, vehicle, plan, monitor, flown, round(so_far(), 1))
     if flown.trouble:
         raise InputError(f"the flight ended before it should: {flown.trouble}")

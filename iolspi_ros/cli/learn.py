@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -12,7 +11,7 @@ import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.duration import EPISODES, SECONDS, episodes_to_fly
-from iolspi_ros.cli.progress import bar, baseline, console
+from iolspi_ros.cli.progress import bar, baseline, console, so_far
 from iolspi_ros.cli.selecting import CONFIG, RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
@@ -54,9 +53,9 @@ def learn(
     from iolspi_ros.cli.saving import saved
     from iolspi_ros.experiments.headless import prepare, remember, train, train_beside
     from iolspi_ros.experiments.history import History
+    from iolspi_ros.report import headline
     from iolspi_ros.report import run as report
 
-    start = time.monotonic()
     file = config or resources.config(task)
     world, core, name = prepare(task, file, seed, learner)
     model, about = world.task, world.task.description
@@ -83,7 +82,7 @@ def learn(
             f"{count} episodes had {core.step} steps, less than one update: nothing was learned; "
             "allowed: more --episodes, or a smaller update_interval"
         )
-    extra = {"learner": name, "wall_seconds": round(time.monotonic() - start, 2)}
+    extra = {"learner": name, "wall_seconds": round(so_far(), 2)}
     lead = "Learned without a graph, by the same core that the learner node runs."
     subject = report.Subject(model, core, history, baseline(model))
     with console.status("flying another learner beside, drawing …"):
@@ -91,8 +90,9 @@ def learn(
         title = f"Learning the {about.name.replace('_', ' ')}"
         summary = report.finish(out, title, lead, subject, extra, beside)
     console.print(
-        f"{' '.join(report.how_good(summary))}, "
+        f"{' '.join(headline.how_good(summary))}, "
         f"{summary['success_fraction']:.0%} of the starts {about.success}. "
+        f"{summary['headline_note']}\nThat took {so_far():.0f} s. "
         f"Look at [bold]{out / 'report.html'}[/bold]"
     )
 

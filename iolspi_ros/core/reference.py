@@ -169,15 +169,16 @@ class NearOptimal:
 
     def __call__(self, states: Array) -> NDArray[np.int64]:
         """Best action in each state, shape (n,)."""
-        return self._worth(states, self.lookahead).argmax(axis=1)
+        return self.q(states).argmax(axis=1)
 
-    def _worth(self, states: Array, ahead: int) -> Array:
-        """Q of each state and action, shape (n, n_actions)."""
+    def q(self, states: Array, ahead: int = 0) -> Array:
+        """Q of each state and action, shape (n, n_actions); `ahead` is the lookahead by default."""
+        ahead = ahead or self.lookahead
         q = np.empty((len(states), self.n_actions))
         for a in range(self.n_actions):
             following, reward, ended = self.step(states, np.full(len(states), a))
             if ahead > 1:
-                beyond = self._worth(following, ahead - 1).max(axis=1)
+                beyond = self.q(following, ahead - 1).max(axis=1)
             else:
                 beyond = self.grid.interpolate(self.values, following)
             q[:, a] = reward + self.gamma * np.where(ended, 0.0, beyond)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -23,6 +22,7 @@ from iolspi_ros.nodes.person import Person
 from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
 from iolspi_ros.nodes.teleop import ScriptedFlight, TeleopSettings
 from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
+from iolspi_ros.process import say
 from iolspi_ros.runtime import RCLError
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
@@ -268,7 +268,7 @@ class Demonstrator(ManagedNode):
         bag.close()
         bags.write_card(bag.path, self._card())
         # Printed: to be read at any log level.
-        print(f"demonstrator: {self.recorded} samples are in {bag.path}", file=sys.stderr)
+        say(f"demonstrator: {self.recorded} samples are in {bag.path}")
 
     def _diagnose(self) -> Report:
         phase = "waiting for a vehicle" if self._work is None else "demonstrating"

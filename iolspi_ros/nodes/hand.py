@@ -8,6 +8,7 @@ from iolspi_ros import runtime, wire
 from iolspi_ros.bags import survey
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Sample, Transitions
+from iolspi_ros.nodes.coach import Coach
 from iolspi_ros.nodes.joystick import Joystick
 from iolspi_ros.nodes.pilot_topics import PilotTopics
 from iolspi_ros.nodes.piloting import Flown, Piloting, PilotingSettings
@@ -36,6 +37,7 @@ class HandFlight(Teleop):
         super().__init__(node, settings, rng, 0.0)  # nobody is waited for but the person
         self._stick, self._topics = stick, topics
         self.piloting = Piloting(piloting, settings.episodes, stick)
+        self._coach = Coach(node, foresees=piloting.foresight) if piloting.review else None
         self._rows = wire.SampleRows(node.task.names)
         self._verdicts = wire.Rows("verdict", wire.VERDICT)
         self._flown: Flown | None = None
@@ -69,11 +71,15 @@ class HandFlight(Teleop):
         """Stop for good."""
         super().close()
         self._node.destroy_timer(self._timer)
+        if self._coach is not None:
+            self._coach.close()
 
     def look(self) -> None:
         """Go on where stick or time say so, and answer what waited for that."""
         if self._loop.running and not self.busy:
             self._loop.go_on()
+        if self._coach is not None:
+            self._coach.look()
 
     # ------------------------------------------------------------ in the control loop
 
@@ -231,9 +237,11 @@ class HandFlight(Teleop):
         return text
 
     def _extent(self) -> str:
-        """What the episodes that are kept cover."""
-        task = self._node.task
+        """What the episodes that are kept cover; the coach hears of them, too."""
         kept = [flown for flown, kept in self.piloting.judged if kept]
+        if self._coach is not None:
+            self._coach.kept(kept)
+        task = self._node.task
         samples = [sample.transition for flown in kept for sample, _ in flown.samples]
         batch = Transitions.of(samples, task.n_dims)
         return f"; {survey.extent(batch, task)}" if samples else ""

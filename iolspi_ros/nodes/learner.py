@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -28,6 +27,7 @@ from iolspi_ros.nodes.fleet import Fleet
 from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
 from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
+from iolspi_ros.process import say
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
@@ -175,7 +175,7 @@ class LearnerNode(ManagedNode):
             found = self._last_words(core)
             if core.step or core.n_samples or len(self._demonstrations):
                 # Printed: to be read at any log level.
-                print(f"learner: {self._saving.keeper().save(found)}", file=sys.stderr)
+                say(f"learner: {self._saving.keeper().save(found)}")
         finally:
             self._saving.close()
 

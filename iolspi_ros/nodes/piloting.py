@@ -24,6 +24,9 @@ class PilotingSettings(Settings):
     review: bool = setting(
         False, "joy: hold each episode back until ~/keep or ~/discard, and all until ~/finish"
     )
+    foresight: bool = setting(
+        True, "joy, review: learn from what is kept, in a process beside, and say what comes of it"
+    )
 
 
 @dataclass

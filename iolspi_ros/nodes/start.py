@@ -11,7 +11,7 @@ import sys
 
 from iolspi_ros.environment import no_ros
 from iolspi_ros.leftovers import sweep
-from iolspi_ros.process import prepare
+from iolspi_ros.process import prepare, say
 
 NODES = {
     "simulator": "sim_nodes.simulator",
@@ -42,7 +42,7 @@ def start(node: str) -> int:
     except ImportError as error:
         if (said := no_ros(error)) is None:
             raise
-        print(f"{node}: {said}", file=sys.stderr)
+        say(f"{node}: {said}")
         return 2
     return int(module.main())
 

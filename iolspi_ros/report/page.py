@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,25 +12,30 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from iolspi_ros import figures
 from iolspi_ros.core.checkpoint import atomic_file
 from sim_nodes.tasks.shapes import Picture
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:60rem;
  margin:2rem auto;padding:0 1rem}
-h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin-top:2.2rem}
-p.lead{color:#52606d;margin-top:0}img{width:100%;height:auto}
-.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(11rem,1fr));
+h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin:0 0 .2rem}
+p.lead{color:#52606d;margin-top:0}img,canvas{max-width:100%;height:auto}
+.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(9rem,1fr));
  gap:.8rem;margin:1.2rem 0}
 .fact{background:#f1f3f5;border-radius:.5rem;padding:.7rem 1rem}
-.fact b{display:block;font-size:1.4rem}.fact span{color:#52606d;font-size:.85rem}
-table{border-collapse:collapse;font-size:.9rem}td{padding:.1rem .8rem .1rem 0;vertical-align:top}
+.fact b{display:block;font-size:1.4rem}.fact span{color:#52606d;font-size:.9rem}
+.parts{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,22rem),1fr));
+ gap:2.2rem 1.6rem;margin-top:2rem}
+.parts>section{min-width:0}.wide{grid-column:1/-1}
+table{border-collapse:collapse;font-size:.9rem}
+td{padding:.1rem .8rem .1rem 0;vertical-align:top;overflow-wrap:anywhere}
 canvas{background:#f8f9fa;border-radius:.5rem;display:block}p.say{color:#52606d;margin:.2rem 0}
 """
 
 _FILM = """
 <h2>HEADING</h2>
-<canvas id="film" role="img" aria-label="animation of episodes"></canvas>
+<canvas id="film" role="img" aria-label="ALT"></canvas>
 <p class=say id="clock"></p>
 <script>
 const f=FILM, canvas=document.getElementById('film'), c=canvas.getContext('2d');
@@ -59,6 +63,10 @@ function draw(now){
 requestAnimationFrame(draw)
 </script>
 """
+
+
+_ELSEWHERE = ("task_description",)
+"""What the summary has and the page's table has not."""
 
 
 class Part(NamedTuple):
@@ -96,7 +104,9 @@ def animation(
             for frames in films
         ],
     }  # fmt: skip
-    page = _FILM.replace("HEADING", html.escape(heading))
+    told = ", ".join(end for end in ends if end)
+    alt = f"animation of {len(films)} episodes" + (f": {told}" if told else "")
+    page = _FILM.replace("HEADING", html.escape(heading)).replace("ALT", html.escape(alt))
     page = page.replace("SPEED", "in real time" if speed == 1.0 else "at half speed")
     return page.replace("FILM", json.dumps(content, separators=(",", ":")))
 
@@ -106,6 +116,7 @@ def write(
     title: str,
     lead: str,
     facts: Sequence[tuple[str, str]],
+    note: str,
     parts: Sequence[Part],
     summary: dict[str, Any],
 ) -> None:
@@ -117,6 +128,8 @@ def write(
     title, lead : str
     facts : sequence of (str, str)
         Big number and what it is.
+    note : str
+        How these numbers go together, where they seem not to.
     parts : sequence of Part
     summary : dict
         Shown as a table at the end.
@@ -128,14 +141,18 @@ def write(
     rows = "".join(
         f"<tr><td>{html.escape(name.replace('_', ' '))}<td>{html.escape(_short(value))}"
         for name, value in summary.items()
+        if name not in _ELSEWHERE
     )
     body = "".join(map(_part, parts))
     page = (
         f"<!doctype html><html lang=en><meta charset=utf-8>"
         f"<meta name=viewport content='width=device-width'><title>{html.escape(title)}</title>"
         f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>"
-        f"<p class=lead>{html.escape(lead)}</p><div class=facts>{boxes}</div>{body}"
-        f"<h2>In numbers</h2><table>{rows}</table></html>"
+        f"<p class=lead>{html.escape(lead)}</p><div class=facts>{boxes}</div>"
+        + (f"<p class=note>{html.escape(note)}</p>" if note else "")
+        + f"<div class=parts>{body}<section class=wide><h2>In numbers</h2><table>{rows}</table>"
+        "<p class=say>summary.json has them all, and the description of the task.</p></section>"
+        "</div></html>"
     )
     with atomic_file(path) as file:
         file.write(page.encode())
@@ -149,10 +166,11 @@ def _short(value: Any) -> str:
 
 def _part(part: Part) -> str:
     if isinstance(part.content, str):
-        return part.content
-    buffer = io.BytesIO()
-    part.content.savefig(buffer, format="png", dpi=120)
-    picture = base64.b64encode(buffer.getvalue()).decode()
-    text = html.escape(part.heading)
+        return f"<section class=wide>{part.content}</section>"
+    picture = base64.b64encode(figures.png(part.content)).decode()
     says = f"<p class=say>{html.escape(part.says)}</p>"
-    return f"<h2>{text}</h2>{says}<img alt='{text}' src='data:image/png;base64,{picture}'>"
+    alt = html.escape(f"{part.heading}. {figures.alt(part.content)}")
+    return (
+        f"<section><h2>{html.escape(part.heading)}</h2>{says}"
+        f"<img alt='{alt}' src='data:image/png;base64,{picture}'></section>"
+    )

@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, hsv_to_rgb, to_hex
+from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from iolspi_ros import figures
 from iolspi_ros.experiments.evaluate import Policy, endings
 from iolspi_ros.experiments.history import EpisodeRecord
+from iolspi_ros.figures import FAINT, INK, REFERENCE, look
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.task.maps import Limits, map_states
 from sim_nodes import pictures
@@ -23,66 +24,38 @@ from sim_nodes.tasks.base import Task
 
 Array = NDArray[np.float64]
 
-INK, ACCENT, REFERENCE, FAINT = "#1f2933", "#0b7285", "#c92a2a", "#adb5bd"
-_ENDING_COLOURS = ("#adb5bd", "#0b7285", "#e8590c", "#c92a2a", "#862e9c")
-_ACTION_COLOURS = ("#3b6fb6", "#e9ecef", "#d9822b", "#5f3dc4", "#2b8a3e")
-_STYLES = ("-", "--", "-.", ":")
-
-
-def _colours(few: Sequence[str], count: int) -> list[str]:
-    """So many colours that can be told apart: the few, or else one round of the circle of hues.
-
-    Neighbours of many hues differ in lightness, too.
-    """
-    if count <= len(few):
-        return list(few[:count])
-    hues = np.linspace(0.0, 1.0, count, endpoint=False)
-    light = np.resize([0.95, 0.6, 0.8], count)
-    return [to_hex(colour) for colour in hsv_to_rgb(np.stack([hues, 0.8 + 0 * hues, light], 1))]
-
-
-def _axes(title: str, x: str, y: str, size: tuple[float, float] = (8.0, 3.6)) -> Axes:
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.add_subplot()
-    _label(axes, title, x, y)
-    return axes
-
-
-def _label(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set_title(title, loc="left", fontsize=11, color=INK)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(True, color="#e9ecef")
-    axes.set_axisbelow(True)
-
-
-def _figure(axes: Axes) -> Figure:
-    figure = axes.get_figure()
-    assert isinstance(figure, Figure)
-    return figure
+TIME = "vehicle time [s]"
 
 
 def learning_score(time: Array, scores: Sequence[float]) -> Figure:
     """Sum of rewards of each episode while learning, over the vehicle time at its end."""
-    axes = _axes("Learning score per episode", "vehicle time [s]", "sum of rewards")
-    axes.plot(time, scores, ".", ms=3 if len(scores) > 200 else 6, color=FAINT, label="episode")
+    figure, axes = figures.one("Learning score per episode", TIME, "sum of rewards")
+    size = 2 if len(scores) > 200 else 4
+    axes.plot(time, scores, "o", ms=size, color=FAINT, label="episode")
     if len(scores) >= 5:
         window = max(min(9, len(scores) // 2 * 2 - 1), len(scores) // 40 * 2 + 1)
         middle = np.convolve(scores, np.ones(window) / window, "valid")
         half = window // 2
-        axes.plot(time[half : half + len(middle)], middle, color=ACCENT, label=f"mean of {window}")
-        axes.legend(frameon=False)
-    return _figure(axes)
+        figures.draw(
+            axes, time[half : half + len(middle)], middle, look(0)._replace(marker=""),
+            f"mean of {window}",
+        )  # fmt: skip
+        figures.legend(figure)
+    return figure
 
 
 def interventions(time: Array, counts: Sequence[int]) -> Figure:
     """Times that a person took over in each episode, over the vehicle time at its end."""
-    axes = _axes("Interventions per episode", "vehicle time [s]", "times taken over", (8.0, 2.8))
-    axes.plot(time, counts, "o", ms=4, color=ACCENT)
+    figure, axes = figures.one("Interventions per episode", TIME, "times taken over", 2.2)
+    axes.plot(time, counts, "o", ms=4, color=figures.ACCENT)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0.0)
-    return _figure(axes)
+    first, last = np.array_split(np.asarray(counts), 2)
+    figures.say(
+        axes, f"{sum(counts)} in {len(counts)} episodes; {first.sum()} in the first half, "
+        f"{last.sum()} in the second",
+    )  # fmt: skip
+    return figure
 
 
 class Curve(NamedTuple):
@@ -106,43 +79,42 @@ class Curve(NamedTuple):
 
 
 def discounted_return(curves: Sequence[Curve], best: float | None) -> Figure:
-    """Discounted returns of intermediate policies over time, beside the near-optimal one.
-
-    The first curve stands out.
-    """
-    axes = _axes(
-        "Discounted return of the intermediate policies", "vehicle time [s]", "discounted return"
-    )
+    """Discounted returns of intermediate policies over time, beside the near-optimal one."""
+    figure, axes = figures.one("Return of each policy", TIME, "discounted return", 3.0)
     if best is not None:
-        axes.axhline(best, color=REFERENCE, lw=1.5, label="near-optimal (dynamic programming)")
-    _draw(axes, [(curve.label, curve.times, curve.returns) for curve in curves])
-    axes.legend(frameon=False, loc="lower right")
+        last = max((time for curve in curves for time in curve.times), default=0.0)
+        figures.draw(axes, [0.0, last], [best, best], REFERENCE, "near-optimal")
+    for number, curve in enumerate(curves):
+        figures.draw(axes, curve.times, curve.returns, look(number), curve.label)
     if best:
         ratio = axes.secondary_yaxis(
             "right", functions=(lambda r: np.divide(r, best), lambda q: np.multiply(q, best))
         )
-        ratio.set_ylabel(f"ratio to near-optimal {'cost' if best < 0 else 'return'}")
-    return _figure(axes)
+        ratio.tick_params(labelsize=figures.SMALL)
+        ratio.set_ylabel(
+            f"times near-optimal {'cost' if best < 0 else 'return'}", fontsize=figures.SMALL
+        )
+    figures.legend(figure)
+    return figure
 
 
 def successes(curves: Sequence[Curve], success: str) -> Figure:
     """Shares of the starts from which intermediate policies reached the goal."""
-    axes = _axes(f"Starts that {success}", "vehicle time [s]", "share of the starts", (8.0, 2.8))
-    _draw(axes, [(curve.label, curve.times, curve.successes) for curve in curves])
-    axes.set_ylim(-0.02, 1.02)
-    return _figure(axes)
-
-
-def _draw(axes: Axes, lines: Sequence[tuple[str, list[float], list[float]]]) -> None:
-    for number, (label, x, y) in reversed(list(enumerate(lines))):
-        axes.plot(x, y, "o-", ms=3, color=FAINT if number else ACCENT, label=label)
+    figure, axes = figures.one(f"Starts that {success}", TIME, "share of the starts", 2.4)
+    for number, curve in enumerate(curves):
+        figures.draw(axes, curve.times, curve.successes, look(number), curve.label)
+    axes.set_ylim(-0.04, 1.04)
+    figures.legend(figure)
+    return figure
 
 
 def solve_condition(times: Sequence[float], conditions: Sequence[float]) -> Figure:
     """Condition number of each solve."""
-    axes = _axes("Condition of each solve", "vehicle time [s]", "condition", (8.0, 2.4))
-    axes.semilogy(times, conditions, "o-", ms=3, color=INK)
-    return _figure(axes)
+    figure, axes = figures.one("Condition of each solve", TIME, "condition", 2.2)
+    figures.draw(axes, times, conditions, look(0))
+    axes.set_yscale("log")
+    figures.dress(axes)
+    return figure
 
 
 def policy_maps(
@@ -162,17 +134,23 @@ def policy_maps(
     """
     x, y = (np.linspace(*limit, points) for limit in limits)
     states = map_states(task, limits, points)
-    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
-    colours = ListedColormap(_colours(_ACTION_COLOURS, task.n_actions))
+    figure, panels = figures.panels(2.8, columns=len(policies), sharey=True)
+    names, shades = [action.name for action in task.actions], figures.shades(task.n_actions)
     edges = BoundaryNorm(np.arange(task.n_actions + 1) - 0.5, task.n_actions)
-    panels = figure.subplots(1, len(policies), sharey=True, squeeze=False)[0]
     for axes, (title, policy) in zip(panels, policies, strict=True):
-        _label(axes, title, *_map_axes(task, axes is panels[0]))
-        chosen = policy(states).reshape(points, points)
-        image = axes.pcolormesh(x, y, chosen, cmap=colours, norm=edges, rasterized=True)
+        figures.dress(axes, title, *_map_axes(task, axes is panels[0]))
+        chosen = policy(states)
+        axes.pcolormesh(
+            x, y, chosen.reshape(points, points), cmap=ListedColormap(shades), norm=edges,
+            rasterized=True,
+        )  # fmt: skip
         axes.grid(False)
-    bar = figure.colorbar(image, ax=panels, ticks=range(task.n_actions), shrink=0.8)
-    bar.set_ticklabels([action.name for action in task.actions])
+        figures.say(axes, figures.shares(names, np.bincount(chosen, minlength=task.n_actions)))
+    patches = [
+        Patch(facecolor=shade, edgecolor=INK, lw=0.5, label=name)
+        for shade, name in zip(shades, names, strict=True)
+    ]
+    figures.legend(figure, patches)
     return figure
 
 
@@ -182,28 +160,27 @@ def _map_axes(task: TaskDescription, leftmost: bool) -> tuple[str, str]:
 
 
 def visit_maps(
-    task: TaskDescription, demonstrated: Array, online: Array, limits: Limits, bins: int = 60
+    task: TaskDescription, sets: Sequence[tuple[str, Array]], limits: Limits, bins: int = 60
 ) -> Figure:
-    """Where the demonstrated and the online samples lie."""
-    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
-    for axes, states, title in zip(
-        panels, (demonstrated, online), ("Demonstrated", "Online"), strict=True
-    ):
-        labels = _map_axes(task, axes is panels[0])
-        _label(axes, f"{title}: {len(states)} states", *labels)
+    """Where some sets of states lie, each with its title."""
+    figure, panels = figures.panels(2.8, columns=len(sets), sharey=True)
+    for axes, (title, states) in zip(panels, sets, strict=True):
+        words = f"{title}: {len(states)} states" if len(sets) == 1 else title
+        figures.dress(axes, words, *_map_axes(task, axes is panels[0]))
         across, up = states[:, task.map_dims].T
         counts, x, y = np.histogram2d(across, up, bins=bins, range=limits)
         axes.pcolormesh(
             x, y, np.where(counts > 0, counts, np.nan).T,
-            norm=LogNorm(1, max(counts.max(), 2)), cmap="viridis", rasterized=True,
+            norm=LogNorm(1, max(counts.max(), 2)), cmap="viridis_r", rasterized=True,
         )  # fmt: skip
+        figures.say(axes, f"{len(states)} states, in {(counts > 0).mean():.0%} of the map")
     return figure
 
 
 def positions(task: TaskDescription, episodes: Sequence[Array], title: str) -> Figure:
     """First state variable of some episodes over time, a faint line each."""
-    axes = _axes(title, "time in the episode [s]", task.variables[0].axis)
+    figure, axes = figures.one(title, "time in the episode [s]", task.variables[0].axis)
+    ends, last = [], 0.0
     for states in episodes:
         time = task.sampling_time * np.arange(len(states))
         value = np.array(states)[:, 0]
@@ -211,50 +188,57 @@ def positions(task: TaskDescription, episodes: Sequence[Array], title: str) -> F
             period = task.high[0] - task.low[0]
             jumps = np.abs(np.diff(value, prepend=value[0])) > period / 2
             value = np.where(jumps, np.nan, value)
-        axes.plot(time, value, color=ACCENT, alpha=0.45, lw=1.2)
-    axes.axhline(0.0, color=REFERENCE, lw=1)
-    return _figure(axes)
+        axes.plot(time, value, color=figures.ACCENT, alpha=0.45, lw=1.2)
+        ends.append(float(np.array(states)[-1, 0]))
+        last = max(last, float(time[-1]))
+    figures.draw(axes, [0.0, last], [0.0, 0.0], REFERENCE)
+    figures.say(
+        axes, f"{len(episodes)} episodes over {last:.3g} s; at their ends "
+        f"{task.variables[0].axis} is between {min(ends):.3g} and {max(ends):.3g}",
+    )  # fmt: skip
+    return figure
 
 
 def trails(model: Task, episodes: Sequence[EpisodeRecord], title: str) -> Figure:
     """Ways in the vehicle's plane, one for each episode, among the things that stand there."""
     task = model.description
-    axes = _axes(title, "x [m]", "z [m], upwards", (8.0, 2.8))
+    figure, axes = figures.one(title, "x [m]", "z [m]", 2.2)
     still = [pictures.picture(model, np.array(episodes[0].states[k])) for k in (0, -1)]
     for shape, later in zip(*still, strict=True):
         if shape.kind == shapes.BOX and shape == later:  # what does not move
             (x, _, z), (wide, _, high) = shape.points[0], shape.size
             corner = (x - wide / 2, z - high / 2)
             axes.add_patch(Rectangle(corner, wide, high, color=shape.colour))
-    colours = _colours(_ENDING_COLOURS, len(task.endings))
+    ended = endings(task, episodes)
     shown = set()
-    for episode, end in zip(episodes, endings(task, episodes), strict=True):
+    for episode, end in zip(episodes, ended, strict=True):
         way = pictures.trail(model, np.array(episode.states), episode.rewards[-1])
         if way is None:
             continue
-        label = None if end in shown else task.endings[end].name
+        how, label = look(int(end)), None if end in shown else task.endings[end].name
         shown.add(end)
-        axes.plot(*way.T, color=colours[end], alpha=0.35, lw=1.0, label=label)
+        axes.plot(
+            *way.T, how.line, marker=how.marker, markevery=[len(way) - 1], ms=5,
+            color=how.colour, alpha=0.5, lw=1.0, label=label,
+        )  # fmt: skip
         axes.plot(*way[0], ".", color=INK, ms=2)
     axes.set_aspect("equal")
     axes.set_xlim(task.low[0] - 0.3, task.high[0] + 0.3)
     axes.set_ylim(-2.0, 0.6)
-    axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.4, 1.0), ncols=5, fontsize=8)
-    return _figure(axes)
+    names = [ending.name for ending in task.endings]
+    counted = figures.shares(names, np.bincount(ended, minlength=len(names)))
+    figures.say(axes, f"{len(episodes)} episodes: {counted}")
+    figures.legend(figure)
+    return figure
 
 
 def ending_shares(task: TaskDescription, ends: NDArray[np.int64], window: int) -> Figure:
     """Shares of the ways in which episodes ended, over a moving window of episodes."""
-    axes = _axes(
-        f"How episodes ended while learning, mean of {window}", "episode", "share of episodes"
-    )
-    colours = _colours(_ENDING_COLOURS, len(task.endings))
+    title = f"How episodes ended, mean of {window}"
+    figure, axes = figures.one(title, "episode", "share of episodes", 3.0)
     for way, ending in enumerate(task.endings):
         share = np.convolve(ends == way, np.ones(window) / window, "valid")
-        axes.plot(
-            np.arange(len(share)) + window, share, _STYLES[way % len(_STYLES)],
-            color=colours[way], label=ending.name,
-        )  # fmt: skip
-    axes.set_ylim(-0.02, 1.02)
-    axes.legend(frameon=False, ncols=min(len(task.endings), 5), fontsize=8)
-    return _figure(axes)
+        figures.draw(axes, np.arange(len(share)) + window, share, look(way), ending.name)
+    axes.set_ylim(-0.04, 1.04)
+    figures.legend(figure)
+    return figure

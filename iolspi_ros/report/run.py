@@ -20,6 +20,7 @@ from iolspi_ros.experiments.evaluate import Evaluation, endings, evaluate, succe
 from iolspi_ros.experiments.headless import Beside
 from iolspi_ros.experiments.history import EpisodeRecord, History
 from iolspi_ros.report import page, plots
+from iolspi_ros.report.headline import how_good, note
 from iolspi_ros.report.page import Part
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.task.maps import map_limits
@@ -125,15 +126,6 @@ def _ratio(discounted: float, best: Evaluation | None) -> float | None:
     return discounted / best.discounted_return if best and best.discounted_return else None
 
 
-def how_good(summary: dict[str, Any]) -> tuple[str, str]:
-    """The last policy's number, and what it is: rewards may be costs, or none at all."""
-    ratio, best = summary["ratio_to_near_optimal"], summary["near_optimal_return"]
-    if ratio is None:
-        beside = "" if best is None else ", the near-optimal one is 0"
-        return f"{summary['discounted_return']:.3g}", f"discounted return{beside}"
-    return f"{ratio:.3f}", f"times the near-optimal {'cost' if best < 0 else 'return'}"
-
-
 def finish(
     out: Path,
     title: str,
@@ -185,7 +177,8 @@ def finish(
         (f"{summary['vehicle_seconds']:.0f} s", "of vehicle time learning online"),
         (f"{summary['demonstrated_samples']}", "demonstrated samples"),
     ]
-    page.write(out / "report.html", title, lead, facts, parts, summary)
+    together = summary["headline_note"] = note(task, summary)
+    page.write(out / "report.html", title, lead, facts, together, parts, summary)
     write_summary(out / "summary.json", summary)
     return summary
 
@@ -213,9 +206,15 @@ def _flown(model: Task, episodes: Sequence[EpisodeRecord], title: str) -> tuple[
     first = episodes[0]
     if pictures.trail(model, np.array(first.states), first.rewards[-1]) is None:
         states = [np.array(episode.states) for episode in episodes]
-        says = "One line per start. At zero the goal is reached; a line that stays there holds it."
+        says = (
+            "A line for each episode. At zero (dashed) the goal is reached; a line that stays "
+            "there holds it."
+        )
         return plots.positions(model.description, states, title), says
-    says = "One line per start, which is the dot: the way of what hangs below, and of its fall."
+    says = (
+        "A line from each start, the dot, to its end, the marker: the way of what hangs below, and "
+        "of its fall."
+    )
     return plots.trails(model, episodes, title), says
 
 
@@ -250,15 +249,19 @@ def _learning(subject: Subject, curves: list[plots.Curve], best: Evaluation | No
     score = plots.learning_score(time[:flown], history.scores[:flown])
     last = whole(history.episodes)[-10:]
     exploring = _flown(subject.model, last, "The last episodes of learning") if last else None
-    red = " The red line is the best that is possible, nearly." if best else ""
+    dashed = " The dashed line is the best that is possible, nearly." if best else ""
     return [
         Part(
             "How good each policy was",
             plots.discounted_return(curves, best.discounted_return if best else None),
             "After each update, the greedy policy flown from every start on the model, learning "
-            f"turned off.{red}",
+            f"turned off.{dashed}",
         ),
-        Part("How often they reach the goal", plots.successes(curves, task.success), "The same."),
+        Part(
+            "How often they reach the goal",
+            plots.successes(curves, task.success),
+            "The same flights.",
+        ),
         Part(
             "What it earned while learning",
             score,
@@ -308,6 +311,7 @@ def _maps(subject: Subject) -> list[Part]:
     online = np.array(flown).reshape(-1, task.n_dims)
     demonstrated = history.demonstrations.state
     limits = map_limits(task, np.concatenate([online, demonstrated]))
+    seen = [("Demonstrated", demonstrated), ("Online", online)]
     policies: list[tuple[str, Any]] = [
         ("Learned policy", greedy_policy(subject.learner, history.policies[-1].weights))
     ]
@@ -320,5 +324,5 @@ def _maps(subject: Subject) -> list[Part]:
             "Compare them where the vehicle has been (below); elsewhere nothing was learned."
             + (" Where the state has more variables, they are zero here." * (task.n_dims > 2)),
         ),
-        Part("Where it has been", plots.visit_maps(task, demonstrated, online, limits)),
+        Part("Where it has been", plots.visit_maps(task, seen, limits), "Darker is more often."),
     ]

@@ -55,7 +55,7 @@ class CockpitNode(ManagedNode):
         self._setting = self._clients_of(SetParameters, "set_parameters")
         self._getting = self._clients_of(GetParameters, "get_parameters")
         self._looking = runtime.wall_timer(self, 1.0, self._look_at_tuned)
-        self._watching = Watching(self, self.board, self._on_task)
+        self._watching = Watching(self, self.board, self._on_task, images=True)
         self._vitals = Vitals(self, "showing", (), self._diagnose)
         self._server.start()
         print(f"cockpit: open {self._server.invitation}", flush=True)

@@ -55,6 +55,7 @@ def show() -> None:
         with _part("section", "stage", "card"):
             _part("canvas", "vehicle").props('role="img"')
             _part("div", "piloting").props('aria-live="polite"')
+            _part("div", "advice").props('aria-live="polite"')
             _part("div", "actions", "flying")
             with _part("div", "hands", "flying"):
                 _part("canvas", "pad").props('role="img" aria-label="stick"')

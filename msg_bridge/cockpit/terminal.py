@@ -32,6 +32,7 @@ def view_of(board: Board) -> RenderableType:
     if task is None:
         return Text("waiting for a vehicle that says its task")
     parts: list[RenderableType] = [_head(board), Columns([_picture(board), _numbers(board)])]
+    parts += [Text(line, style="yellow") for line in board.get("advice") or []]
     if board.get("health"):
         parts.append(_health(board.get("health")))
     return Group(*parts)

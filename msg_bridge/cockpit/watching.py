@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import time
 from collections import deque
 from collections.abc import Callable
@@ -10,23 +11,30 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_msgs.msg import Float64MultiArray
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Learner
 from iolspi_ros.errors import InputError
+from iolspi_ros.learner_asked import LearnerAsked
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.episodes import Episodes, Score
-from msg_bridge.cockpit.policy import LearnerAsked, policy_map
+from msg_bridge.cockpit.policy import policy_map
 
 PERIOD, SLOW_PERIOD = 1 / 30, 1.0
 """Seconds between looks at what came: at states; at maps and the pace."""
 AT_ONCE = 64
 """States taken in a look; in lockstep more come, and the newest are shown."""
+LARGEST = 2**22
+"""Bytes of an image that is shown."""
+_IMAGES = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
+LINES = 6
+"""Of advice that are shown."""
 _KINDS = {Marker.CUBE: "box", Marker.SPHERE: "ball", Marker.LINE_STRIP: "line"}
 
 
@@ -39,12 +47,18 @@ class Watching:
     board : Board
     on_task : callable
         Called with the task when it is heard.
+    images : bool
+        Whether to show `image/compressed`, which a vehicle draws only for those who look.
     """
 
     def __init__(
-        self, node: Node, board: Board, on_task: Callable[[TaskDescription], None]
+        self,
+        node: Node,
+        board: Board,
+        on_task: Callable[[TaskDescription], None],
+        images: bool = False,
     ) -> None:
-        self._node, self.board, self._on_task = node, board, on_task
+        self._node, self.board, self._on_task, self._images = node, board, on_task, images
         self._states: deque[bytes] = deque(maxlen=AT_ONCE)
         self._rewards: deque[bytes] = deque(maxlen=AT_ONCE)
         self._actions: deque[bytes] = deque(maxlen=1)
@@ -113,12 +127,15 @@ class Watching:
                 )
             )
         self._listen("markers", MarkerArray, self._on_markers, qos.LATCHED)
+        if self._images:
+            self._listen("image/compressed", CompressedImage, self._on_image, qos.LATCHED)
         self._listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
         self._listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
         self._listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
         for topic, names in (("piloting", wire.PILOTING), ("takeover", wire.TAKEOVER)):
             rows = wire.Rows(topic, names)
             self._listen(topic, Float64MultiArray, self._shower(topic, rows), qos.LATCHED)
+        self._listen("advice", String, self._on_advice, qos.LATCHED)
         self._on_task(task)
 
     def _conflict(self, text: str) -> None:
@@ -223,6 +240,9 @@ class Watching:
         row = self._updates.read_all(message)
         self.board.put("update", {name: row[name] for name in wire.UPDATE[4:]})
 
+    def _on_advice(self, message: Any) -> None:
+        self.board.put("advice", message.data.splitlines()[:LINES])
+
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             level = int.from_bytes(status.level, "big")
@@ -234,6 +254,16 @@ class Watching:
     def _on_markers(self, message: Any) -> None:
         shapes = [_shape(m) for m in message.markers if m.action == Marker.ADD]
         self.board.put("picture", [shape for shape in shapes if shape is not None])
+
+    def _on_image(self, message: Any) -> None:
+        data = bytes(message.data)
+        kind = next((name for name, first in _IMAGES.items() if data.startswith(first)), None)
+        if kind is None or len(data) > LARGEST:
+            raise InputError(
+                f"image/compressed has {len(data)} bytes of {message.format!r}; allowed: JPEG or "
+                f"PNG of at most {LARGEST}"
+            )
+        self.board.put("image", f"data:image/{kind};base64,{base64.b64encode(data).decode()}")
 
 
 def _shape(marker: Any) -> dict[str, Any] | None:

@@ -34,6 +34,8 @@ class Task(Protocol):
     - `usual_episodes`: episodes in which it can be learned; else `USUAL_EPISODES`.
     - `pilot(mode, rng)`: the law of a scripted pilot (`law.Law`), None for a mode it does not have.
     - `picture(state)`: shapes for RViz, the animation of a report and the cockpit.
+    - `image()`: pixels of shape (height, width, 3), uint8, or None for nothing yet; for those who
+      draw themselves, as environments of Gymnasium do. Shown where there is no `picture`.
     - `released(before, reward, times)` with `picture(state, released)`, and
       `trail(states, reward)`: what falls after an episode's last step, and what to draw of it.
     """

@@ -20,6 +20,8 @@ from sim_nodes.tasks.gym_description import Wishes
 Array = NDArray[np.float64]
 
 PREFIX = "gymnasium:"
+PIXELS = "rgb_array"
+"""The render mode that gives images."""
 STARTS = 10
 """Seeds that policies are judged from, when nobody says how many."""
 
@@ -46,6 +48,7 @@ class GymVehicle:
 
     def __init__(self) -> None:
         self._env = _make(self.id, self.arguments)
+        self._looked_at = False
         self._actions = gym_description.values_of(self._env, self.description.actions)
         self._continuous = hasattr(self._env.action_space, "low")
 
@@ -55,6 +58,9 @@ class GymVehicle:
 
     def begin(self, seed: int) -> Array:
         """The first state of the episode that a seed makes."""
+        if self._looked_at and self._env.render_mode is None:
+            self._env.close()
+            self._env = _make(self.id, {**self.arguments, "render_mode": PIXELS})
         observation, _ = self._env.reset(seed=seed)
         return _state(observation)
 
@@ -74,6 +80,25 @@ class GymVehicle:
             )
         space = self._env.action_space
         return np.clip(value + noise, space.low, space.high).astype(space.dtype)
+
+    def image(self) -> NDArray[np.uint8] | None:
+        """What it looks like, shape (height, width, 3); from the episode on that begins next.
+
+        Before somebody asks, an environment is not made to draw: some step slower then.
+
+        Raises
+        ------
+        InputError
+            When it cannot draw itself.
+        """
+        self._looked_at = PIXELS in self._env.metadata.get("render_modes", ())
+        if self._env.render_mode != PIXELS:
+            return None
+        try:
+            pixels = np.asarray(self._env.render())
+        except Exception as error:  # whatever an environment of somebody's raises
+            raise InputError(f"environment {self.id!r} does not draw itself: {error}") from None
+        return np.ascontiguousarray(pixels[..., :3], np.uint8)
 
     def close(self) -> None:
         """Let go of what the environment holds."""

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from iolspi_ros import figures
 from iolspi_ros.experiments.thesis.study import Rows
+from iolspi_ros.figures import FAINT, REFERENCE, Look, look
 
-_REFERENCE = "#1f2933"
 _PLANE = ("angle [rad]", "rate [rad/s]")
+_KINDS = ("", "refreshed", "near-optimal")
+"""Of curves that go together: they have a colour and a marker in common."""
 
 
 def curves(
@@ -33,47 +36,64 @@ def curves(
     """
 
     def draw(rows: Rows) -> Figure:
-        figure = Figure(figsize=(7.5, 4.6), layout="constrained")
-        axes = figure.add_subplot()
-        names = list(dict.fromkeys(row["curve"] for row in rows))
-        plain = [name.removesuffix(", refreshed").removeprefix("near-optimal, ") for name in names]
-        base = {name: k for k, name in enumerate(dict.fromkeys(plain))}
-        for name, root in zip(names, plain, strict=True):
-            mine = [row for row in rows if row["curve"] == name]
-            x, mean, least, most = (
-                np.array([float(row[key]) for row in mine]) for key in ("x", "mean", "low", "high")
-            )
-            if name == "near-optimal":
-                axes.plot(x, mean, color=_REFERENCE, lw=1.0, label=name)
-                continue
-            colour = colormaps["tab10"](base[root] % 10)
-            style = "-" if root == name else "--" if name.endswith("refreshed") else ":"
-            label = f"{name} ({mine[0]['n']})"
-            axes.plot(x, mean, style, color=colour, lw=1.3, label=label)
-            axes.fill_between(x, least, most, color=colour, alpha=0.15, lw=0)
+        figure, axes = figures.one(title, x_label, y, 3.2)
+        means(axes, rows)
         if low is not None:
             axes.set_ylim(bottom=low)
         if near_zero is not None:
             axes.set_xscale("symlog", linthresh=near_zero)
-        _dress(figure, title, x_label, y)
-        figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
+            figures.dress(axes)
+        figures.legend(figure)
         return figure
 
     return draw
+
+
+def means(axes: Axes, rows: Rows) -> None:
+    """Draw the mean of each curve, and the band of its 95 % interval."""
+    for name, how in looks(list(dict.fromkeys(row["curve"] for row in rows))).items():
+        mine = [row for row in rows if row["curve"] == name]
+        x, mean, least, most = (
+            np.array([float(row[key]) for row in mine]) for key in ("x", "mean", "low", "high")
+        )
+        if how is not REFERENCE:
+            figures.band(axes, x, least, most, how)
+        label = name if how is REFERENCE else f"{name} ({mine[0]['n']})"
+        figures.draw(axes, x, mean, how, label)
+
+
+def looks(names: list[str]) -> dict[str, Look]:
+    """How each curve looks, by its name: what is of one setting goes together."""
+    found, roots = dict[str, Look](), dict[str, int]()
+    for name in names:
+        if name == "near-optimal":
+            found[name] = REFERENCE
+            continue
+        root = name.removesuffix(", refreshed").removeprefix("near-optimal, ")
+        kind = next((k for k, word in enumerate(_KINDS) if k and word in name), 0)
+        found[name] = look(roots.setdefault(root, len(roots)), kind)
+    return found
 
 
 def samples(title: str, by: str = "action") -> Callable[[Rows], Figure]:
     """A drawer of samples in the plane of angle and rate, by action or by set."""
 
     def draw(rows: Rows) -> Figure:
-        figure = Figure(figsize=(7.5, 4.0), layout="constrained")
-        axes = figure.add_subplot()
-        for number, kind in enumerate(sorted({row[by] for row in rows})):
+        figure, axes = figures.one(title, *_PLANE, 3.2)
+        kinds = sorted({row[by] for row in rows})
+        counts = []
+        for number, kind in enumerate(kinds):
             mine = [row for row in rows if row[by] == kind]
             x, y = (np.array([float(row[key]) for row in mine]) for key in ("angle", "rate"))
-            axes.plot(x, y, ".", ms=3, color=colormaps["tab10"](number), label=kind)
-        _dress(figure, title, *_PLANE)
-        axes.legend(frameon=False, fontsize=8, title=by)
+            how = look(number)
+            axes.plot(x, y, how.marker, ms=3, color=how.colour, alpha=0.7, mew=0, label=kind)
+            counts.append(len(mine))
+        angles, rates = ([float(row[key]) for row in rows] for key in ("angle", "rate"))
+        figures.say(
+            axes, f"{len(rows)} samples, angle {min(angles):.3g} to {max(angles):.3g} rad, rate "
+            f"{min(rates):.3g} to {max(rates):.3g} rad/s; {by}: {figures.shares(kinds, counts)}",
+        )  # fmt: skip
+        figures.legend(figure)
         return figure
 
     return draw
@@ -83,11 +103,17 @@ def distributions(title: str) -> Callable[[Rows], Figure]:
     """A drawer of how angle and rate of samples are distributed, side by side."""
 
     def draw(rows: Rows) -> Figure:
-        figure = Figure(figsize=(7.5, 3.0), layout="constrained")
-        for axes, key in zip(figure.subplots(1, 2, sharey=True), ("angle", "rate"), strict=True):
-            axes.hist([float(row[key]) for row in rows], bins=40, color=_REFERENCE)
-        _dress(figure, title, _PLANE[0], "samples")
-        figure.axes[1].set_xlabel(_PLANE[1])
+        figure, panels = figures.panels(2.4, columns=2, sharey=True)
+        for axes, key, words in zip(panels, ("angle", "rate"), _PLANE, strict=True):
+            values = np.array([float(row[key]) for row in rows])
+            axes.hist(values, bins=40, color=figures.ACCENT)
+            first = axes is panels[0]
+            figures.dress(axes, title if first else "", words, "samples" if first else "")
+            figures.say(
+                axes, f"{len(values)} samples, {words} {values.mean():.3g} in the mean, "
+                f"{np.quantile(values, 0.05):.3g} to {np.quantile(values, 0.95):.3g} for nine "
+                "in ten",
+            )  # fmt: skip
         return figure
 
     return draw
@@ -98,34 +124,29 @@ def histories(title: str) -> Callable[[Rows], Figure]:
 
     def draw(rows: Rows) -> Figure:
         runs = list(dict.fromkeys(row["run"] for row in rows))
-        figure = Figure(figsize=(7.5, 2.2 * len(runs) + 1.4), layout="constrained")
-        for axes, run in zip(figure.subplots(len(runs), 1, squeeze=False)[:, 0], runs, strict=True):
+        figure, panels = figures.panels(1.8 * len(runs) + 0.8, len(runs))
+        for axes, run in zip(panels, runs, strict=True):
             mine = [row for row in rows if row["run"] == run]
             angle, reward = (np.array([float(r[key]) for r in mine]) for key in ("angle", "reward"))
             episode = [row["episode"] for row in mine]
-            begins = [k for k in range(1, len(mine)) if episode[k] != episode[k - 1]]
+            begins = [0, *(k for k in range(1, len(mine)) if episode[k] != episode[k - 1])]
             jumps = np.abs(np.diff(angle, prepend=angle[0])) > np.pi
-            axes.plot(np.where(jumps, np.nan, angle), lw=1.0, color="#0b7285", label="angle [rad]")
-            axes.plot(reward / 10.0, lw=0.8, color="#d9822b", label="reward / 10")
-            for begin in begins:
-                axes.axvline(begin, color="#adb5bd", lw=0.8)
-            ticks = [0, *begins]
-            axes.set_xticks(ticks, [f"{float(mine[k]['x']):g}" for k in ticks], fontsize=7)
-            axes.set_ylabel(run, fontsize=8)
-        _dress(figure, title, "", runs[0])
-        figure.axes[0].legend(frameon=False, fontsize=8)
-        figure.axes[-1].set_xlabel("vehicle time at which each episode begins [s]")
+            figures.draw(
+                axes, np.arange(len(angle)), np.where(jumps, np.nan, angle),
+                look(0)._replace(marker=""), "angle [rad]",
+            )  # fmt: skip
+            figures.draw(
+                axes, np.arange(len(angle)), reward / 10.0, look(1)._replace(marker=""),
+                "reward / 10",
+            )  # fmt: skip
+            for begin in begins[1:]:
+                axes.axvline(begin, color=FAINT, lw=0.8)
+            every = -(-len(begins) // 5)  # more would run into each other
+            ticks = begins[::every]
+            figures.dress(axes, title if run == runs[0] else "", "", run)
+            axes.set_xticks(ticks, [f"{float(mine[k]['x']):.4g}" for k in ticks])
+        figures.dress(panels[-1], "", "vehicle time at which each episode begins [s]")
+        figures.legend(figure)
         return figure
 
     return draw
-
-
-def _dress(figure: Figure, title: str, x: str, y: str) -> None:
-    axes = figure.axes[0]
-    axes.set_title(title, loc="left", fontsize=10)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    for each in figure.axes:
-        each.spines[["top", "right"]].set_visible(False)
-        each.grid(True, color="#e9ecef")
-        each.set_axisbelow(True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from iolspi_ros import __version__
+from iolspi_ros import __version__, figures
 from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.cells import Data
@@ -58,7 +58,7 @@ def draw(study: Study, folder: Path) -> None:
     figure = study.draw(read_rows(folder / f"{study.name}.csv"))
     try:
         with atomic_file(folder / f"{study.name}.png") as out:
-            figure.savefig(out, format="png", dpi=80)
+            out.write(figures.png(figure))
     except OSError as error:
         raise InputError(
             f"figures cannot be written to {folder}: {error.strerror}; "
@@ -89,7 +89,8 @@ def write(studies: Sequence[Study], folder: Path) -> Path:
         for study in members:
             lines += [f"### {study.name}: {study.title}", "", f"T {study.where}.", ""]
             if study.draw is not None:
-                lines += [f"![{study.title}]({folder.name}/{study.name}.png)", ""]
+                seen = figures.alt(study.draw(read_rows(folder / f"{study.name}.csv")))
+                lines += [f"![{_plainly(seen)}]({folder.name}/{study.name}.png)", ""]
             else:
                 lines += _plain(read_rows(folder / f"{study.name}.csv"))
     path = folder.with_suffix(".md")
@@ -113,7 +114,8 @@ _HEAD = (
     "curve's. The demonstrations are those of a scripted pilot, where T had a person. T leaves δ "
     "open and flies every solve; here δ = 1, and an unhealthy solve is not used (see "
     "`architecture.md`), which can decide a claim. "
-    "Dashed curves are the refreshed learner, of fewer realisations; the black line is the "
+    "Curves of one setting share colour and marker; those called refreshed are the refreshed "
+    "learner, of fewer realisations, and the dashed black line without markers is the "
     "near-optimal policy, without exploration.",
     "",
 )
@@ -179,6 +181,11 @@ def _short(text: str) -> str:
     except ValueError:
         return text
     return f"{value:.5g}" if abs(value) >= 1.0 and "." in text else text
+
+
+def _plainly(text: str) -> str:
+    """What may stand between a link's brackets."""
+    return text.replace("[", "(").replace("]", ")")
 
 
 def _escaped(text: str) -> str:

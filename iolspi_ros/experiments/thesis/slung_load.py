@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from iolspi_ros import figures
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.slung_load import INFORMED, ONLINE, SlungLoadRun, best, drop
 from iolspi_ros.experiments.slung_load_timing import timed
@@ -150,21 +150,10 @@ def _shares(data: Data) -> Rows:
 
 def _draw_shares(rows: Rows) -> Figure:
     """Three panels: per cent of crashes, misses and dunks over episodes."""
-    figure = Figure(figsize=(7.5, 8.0), layout="constrained")
-    names = list(dict.fromkeys(row["curve"] for row in rows))
-    panels = figure.subplots(3, 1, sharex=True)
+    figure, panels = figures.panels(6.6, 3, sharex=True)
     for axes, what in zip(panels, ("crashes", "misses", "dunks"), strict=True):
-        for number, name in enumerate(names):
-            mine = [row for row in rows if row["curve"] == name and row["what"] == what]
-            x, mean, low, high = (
-                np.array([float(row[key]) for row in mine]) for key in ("x", "mean", "low", "high")
-            )
-            colour = colormaps["tab10"](number)
-            axes.plot(x, mean, color=colour, lw=1.3, label=f"{name} ({mine[0]['n']})")
-            axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
-        axes.set_ylabel(f"{what} [%]")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(True, color="#e9ecef")
-    panels[0].legend(frameon=False, fontsize=8)
-    panels[-1].set_xlabel("episodes")
+        drawing.means(axes, [row for row in rows if row["what"] == what])
+        last = "episodes" if axes is panels[-1] else ""
+        figures.dress(axes, "", last, f"{what} [%]")
+    figures.legend(figure)
     return figure

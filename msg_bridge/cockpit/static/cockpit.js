@@ -14,7 +14,7 @@ window.cockpit = (() => {
   const is = {}; // the newest of each part
   const keys = new Set(), touched = new Set();
   let socket = null, me = null, latched = false, pad = [0, 0], lastSaid = "", said = 0;
-  let history = [], picture = {from: null, to: null, at: 0, span: 0, episode: -1}, view = null;
+  let history = [], picture = {from: null, to: null, at: 0, span: 0, episode: -1}, view = null, image = null;
   let mapShows = "action";
   const $ = (name) => document.getElementById(name);
 
@@ -45,8 +45,10 @@ window.cockpit = (() => {
     else if (part === "task") showTask();
     else if (part === "now") takeNow();
     else if (part === "picture") takePicture(content);
+    else if (part === "image") takeImage(content);
     else if (part === "stick") showStick();
     else if (part === "said") toast(content);
+    else if (part === "advice") showAdvice();
     else if (part === "health") showHealth();
     else if (part === "piloting" || part === "takeover") showPiloting();
     else if (part in SLIDERS) showTuned(part, content);
@@ -195,7 +197,7 @@ window.cockpit = (() => {
       entry.prepend(box);
       return entry;
     }));
-    view = null; history = [];
+    view = image = null; history = [];
     linked();
   }
 
@@ -283,6 +285,10 @@ window.cockpit = (() => {
       element("li", `${node.name.split(":")[0]}: ${node.text}`, ["", "warn", "bad", "bad"][node.level])));
   }
 
+  function showAdvice() {
+    $("advice").replaceChildren(...is.advice.map((line) => element("p", line)));
+  }
+
   let toasting = 0;
   function toast({text, good}) {
     $("said").textContent = text;
@@ -312,6 +318,19 @@ window.cockpit = (() => {
     const smooth = span > SMOOTH_FROM && span < SMOOTH_MOST && picture.to && episode === picture.episode;
     picture = {from: smooth ? between(now) : null, to: shapes, at: now, span, episode};
     for (const shape of shapes) see(shape);
+  }
+
+  // What the vehicle draws itself; the one before stays until the new one can be drawn.
+  function takeImage(source) {
+    const next = new Image();
+    next.onload = () => { image = next; };
+    next.src = source;
+  }
+
+  function drawImage(c, w, h) {
+    const scale = Math.min(w / image.width, h / image.height);
+    const [a, b] = [scale * image.width, scale * image.height];
+    c.drawImage(image, (w - a) / 2, (h - b) / 2, a, b);
   }
 
   function between(now) {
@@ -344,7 +363,7 @@ window.cockpit = (() => {
   function drawVehicle(now) {
     const [c, w, h] = canvasOf("vehicle");
     $("vehicle").setAttribute("aria-label", is.now ? `the vehicle, episode ${is.now.episode}` : "no vehicle yet");
-    if (!picture.to || !view) { drawLines(c, w, h); return; }
+    if (!picture.to || !view) { (image ? drawImage : drawLines)(c, w, h); return; }
     const pad = 26;
     const scale = Math.min((w - 2 * pad) / Math.max(view[1] - view[0], 1e-9),
       (h - 2 * pad) / Math.max(view[3] - view[2], 1e-9));
