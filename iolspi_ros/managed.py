@@ -61,6 +61,8 @@ class ManagedNode(LifecycleNode):
         wanted = parameters.declare(self, self.Autostart).autostart
         if wanted != "never":
             self._autostart = runtime.wall_timer(self, 0.0, lambda: self._start(wanted))
+        else:
+            self._say_next("configure")
 
     def fail(self, error: InputError) -> None:
         """Let whoever spins this node end it."""
@@ -74,8 +76,18 @@ class ManagedNode(LifecycleNode):
             wanted == "configure" or self.trigger_activate() is done
         ):
             self._starting = False
+            if wanted == "configure":
+                self._say_next("activate")
             return
         self.fail(self._refused or InputError(f"{self.get_name()} could not start by itself"))
+
+    def _say_next(self, transition: str) -> None:
+        """Say what a person must do for it to go on."""
+        name = self.get_fully_qualified_name().removeprefix("/")
+        self.get_logger().info(
+            f"waiting for somebody to {transition} it: iolspi manage {name} {transition} (or start "
+            "it with -p autostart:=activate)"
+        )
 
     # ------------------------------------------------------------ for subclasses
 

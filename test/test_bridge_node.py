@@ -2,6 +2,8 @@
 
 import math
 import signal
+import subprocess
+import sys
 
 import pytest
 from conftest import spin_until
@@ -227,3 +229,27 @@ def test_bad_input_is_said_in_one_line(finish, capfd, argument, words):
     said = capfd.readouterr().err
     assert words in said.splitlines()[-1]
     assert "Traceback" not in said
+
+
+def iolspi(nodes, *arguments):
+    command = [sys.executable, "-m", "iolspi_ros", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, env=nodes.env, timeout=60.0, check=False
+    )
+
+
+def test_it_says_what_it_waits_for_and_is_managed_without_ros2(nodes, sitl):
+    start(nodes, sitl)
+    nodes.wait_for("bridge", "waiting for somebody to configure it: iolspi manage bridge configure")
+    assert "bridge: unconfigured" in iolspi(nodes, "manage", "bridge").stdout
+    done = iolspi(nodes, "manage", "bridge", "configure")
+    assert "bridge: inactive" in done.stdout, done.stderr
+    nodes.wait_for("bridge", "iolspi manage bridge activate")
+    done = iolspi(nodes, "manage", "bridge", "cleanup")
+    assert "bridge: unconfigured" in done.stdout, done.stderr
+    assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.0
+    refused = iolspi(nodes, "manage", "nobody", "activate")
+    assert (refused.returncode, "nobody answers /nobody/change_state" in refused.stderr) == (
+        2,
+        True,
+    )

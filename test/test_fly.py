@@ -16,10 +16,14 @@ from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.memory import Identity, Memory, Remembered
 from msg_bridge.mavlink.payload import Seen
 from msg_bridge.mavlink.profiles import PROFILES
+from sim_nodes.autopilot.firmware import Mode
 from sim_nodes.autopilot.server import Sitl
 from sim_nodes.tasks.slung_load import SlungLoad
 
 CHANGES = {"px4": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"), "ardupilot": ("GUID_TIMEOUT", "PSC_JERK_XY")}
+
+RESTING = {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5, "COM_DISARM_PRFLT": 0.0}
+"""Parameters of one that a killed bridge has left, and that stays armed on the ground."""
 
 
 def plan(autopilot="embedded", **given):
@@ -37,7 +41,7 @@ def places(tmp_path, domain):
     }  # fmt: skip
 
 
-def fly(places, *arguments, deadline=300.0):
+def fly(places, *arguments, deadline=600.0):
     command = [sys.executable, "-m", "iolspi_ros", "fly", *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, env=places, timeout=deadline, check=False
@@ -135,7 +139,7 @@ def test_what_was_flown_comes_first_and_what_was_seen_of_it():
 def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
     memory = Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path)
     vehicle = Identity("px4", 1, "07")
-    with Sitl("px4", ["udpin:127.0.0.1:0"], {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5}) as sitl:
+    with Sitl("px4", ["udpin:127.0.0.1:0"], RESTING) as sitl:
         url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
         kept = Remembered({"COM_OF_LOSS_T": 1.5}, {"COM_OF_LOSS_T": 0.5})
         memory.keep(vehicle, "udpout:127.0.0.1:9", kept)
@@ -144,6 +148,13 @@ def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
         assert "COM_OF_LOSS_T was 1.5, set to 0.5" in nobody.stdout
         assert "nothing comes at udpout:127.0.0.1:9" in nobody.stdout
         assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 0.5
+        with sitl.lock:
+            sitl.autopilot.commander.armed = True
+        armed = fly(places, "--restore", "--url", url)
+        assert armed.returncode == 1
+        assert "it is armed: nothing is changed" in armed.stdout
+        with sitl.lock:
+            sitl.autopilot.commander.armed = False
         done = fly(places, "--restore", "--url", url)
         assert done.returncode == 0, done.stdout + done.stderr
         assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.5
@@ -155,7 +166,7 @@ def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(700)
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_it_flies_the_whole_way(tmp_path, places, like):
     out = tmp_path / "out"
@@ -195,31 +206,35 @@ def _child(of, node):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(700)
 @pytest.mark.parametrize("ends", ["killed", "interrupted"])
 def test_a_flight_that_is_cut_says_what_flies_and_what_is_changed(tmp_path, places, ends):
     """A bridge that was killed cannot give back: it is said, and done by the next."""
     log = (tmp_path / "said").open("w+")
-    with Sitl("px4", ["udpin:127.0.0.1:0"], {"SIM_LOAD_RATE": 20.0, "SIM_SPEEDUP": 4.0,
-              "PD_GRIPPER_EN": 1}, ready_after=2.0) as sitl:  # fmt: skip
+    booted = {"SIM_LOAD_RATE": 20.0, "SIM_SPEEDUP": 4.0, "PD_GRIPPER_EN": 1}
+    with Sitl("px4", ["udpin:127.0.0.1:0"], booted, ready_after=2.0) as sitl:
         url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
-        command = [sys.executable, "-m", "iolspi_ros", "fly", "--autopilot", "px4", "--url", url,
-                   "--speed-up", "4", "--practice", "5",
-                   "--out", str(tmp_path / "out")]  # fmt: skip
+        options = ("--autopilot", "px4", "--url", url, "--speed-up", "4", "--practice", "5")
+        command = [sys.executable, "-m", "iolspi_ros", "fly", *options, "--out", tmp_path / "out"]
         process = subprocess.Popen(command, stdout=log, stderr=log, env=places)
-        _until(lambda: sitl.autopilot.commander.airborne and sitl.autopilot.body.height > 4.0, log)
-        if ends == "killed":
-            os.kill(_child(process.pid, "bridge"), signal.SIGKILL)
-        else:
-            process.send_signal(signal.SIGINT)
-        assert process.wait(120.0) == {"killed": 2, "interrupted": 130}[ends]
-        said = _said(log)
-        changed = sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
+        try:
+            body = sitl.autopilot.body
+            _until(lambda: sitl.autopilot.commander.airborne and body.height > 4.0, log)
+            if ends == "killed":
+                os.kill(_child(process.pid, "bridge"), signal.SIGKILL)
+            else:
+                process.send_signal(signal.SIGINT)
+            assert process.wait(240.0) == {"killed": 2, "interrupted": 130}[ends]
+        finally:
+            process.kill()
+            process.wait()
+        said, changed = _said(log), sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
         if ends == "killed":
             assert "may still be in the air" in said
             assert "Not given back" in said
             assert "COM_OBL_RC_ACT (was 0)" in said
             assert changed
+            _until(lambda: not sitl.autopilot.commander.armed, log, land=sitl)
             done = fly(places, "--restore")
             assert done.returncode == 0, done.stdout
         else:
@@ -228,13 +243,16 @@ def test_a_flight_that_is_cut_says_what_flies_and_what_is_changed(tmp_path, plac
         assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.0
 
 
-def _said(log):
-    log.seek(0)
-    return log.read()
-
-
-def _until(ready, log, deadline=120.0):
+def _until(ready, log, deadline=300.0, land=None):
+    if land is not None:  # a person does
+        with land.lock:
+            land.autopilot.commander.set_mode(Mode.LAND)
     end = time.monotonic() + deadline
     while not ready():
         assert time.monotonic() < end, _said(log)
         time.sleep(0.05)
+
+
+def _said(log):
+    log.seek(0)
+    return log.read()

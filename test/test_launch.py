@@ -19,15 +19,21 @@ from iolspi_ros.nodes.learner import NodeSettings
 from iolspi_ros.nodes.player import PlayerSettings
 from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.settings import from_mapping
+from msg_bridge.mavlink.arbiter import Timeouts
+from msg_bridge.mavlink.node import Bridge
+from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from sim_nodes.simulator import SimulatorSettings, TaskChoice
 from sim_nodes.tasks.pendulum import Pendulum
 
-FILE = Path(__file__).parent.parent / "launch" / "learn.launch.py"
+FOLDER = Path(__file__).parent.parent / "launch"
 CLASSES = {
     "simulator": (Autostart, TaskChoice, SimulatorSettings),
     "demonstrator": (Autostart, DemonstratorSettings, PlayerSettings),
     "learner": (Autostart, NodeSettings, SavingSettings, learner_class("iolspi").Settings),
+    "bridge": (Bridge.Autostart, LinkSettings, FlightSettings, Timeouts),
 }
+LEARNING = ("simulator", "demonstrator", "learner")
+FLYING = ("bridge", "demonstrator", "learner")
 
 
 class Recorded:
@@ -44,8 +50,19 @@ class Configuration(Recorded):
 
 
 @pytest.fixture
-def launched(monkeypatch, tmp_path):
-    """Call with the arguments given; the nodes by name."""
+def launched(stand_ins):
+    """Call with the arguments of the graph that learns from a simulator; the nodes by name."""
+    return load("learn")
+
+
+@pytest.fixture
+def flown(stand_ins):
+    """The same with that of a bridge."""
+    return load("fly")
+
+
+@pytest.fixture
+def stand_ins(monkeypatch):
     stand_ins = {
         "launch": {"LaunchDescription": Recorded},
         "launch.actions": {"DeclareLaunchArgument": Recorded, "OpaqueFunction": Recorded},
@@ -59,7 +76,10 @@ def launched(monkeypatch, tmp_path):
         module = types.ModuleType(name)
         module.__dict__.update(members)
         monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.spec_from_file_location("learn_launch", FILE)
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.launch.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     declared = {a.places[0]: a.default_value
@@ -80,17 +100,37 @@ def parameters(node):
             for name, value in part.items()}  # fmt: skip
 
 
-@pytest.mark.parametrize("task", ["pendulum", "slung_load", "cart_pole", "boat:Boat"])
-@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_every_parameter_is_one_of_its_node(launched, task, mode):
-    found = launched(task=task, mode=mode, seed="3", checkpoint="c.npz")
-    assert set(found) == set(CLASSES)
+def check(found):
+    """Every parameter is one of its node, and allowed."""
     for name, node in found.items():
         values = parameters(node)
         known = {field.name for cls in CLASSES[name] for field in fields(cls)}
         assert set(values) <= known
         for cls in CLASSES[name]:
             from_mapping(cls, values, name)  # raises when a value is not allowed
+
+
+def test_a_bridge_is_checked_and_does_not_take_off_by_itself(flown):
+    found = flown(url="tcp:127.0.0.1:5760", autopilot="ardupilot", speed_up="5.0", system="3",
+                  load="estimate", checkpoint="c.npz")  # fmt: skip
+    assert set(found) == set(FLYING)
+    check(found)
+    bridge = parameters(found["bridge"])
+    assert (bridge["autostart"], bridge["autopilot"], bridge["system"]) == (
+        "configure", "ardupilot", 3,
+    )  # fmt: skip
+    assert parameters(found["learner"])["wait_for_demonstrations"]
+    none = flown(demonstration="0", autostart="activate")
+    assert set(none) == {"bridge", "learner"}
+    assert not parameters(none["learner"])["wait_for_demonstrations"]
+
+
+@pytest.mark.parametrize("task", ["pendulum", "slung_load", "cart_pole", "boat:Boat"])
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_every_parameter_is_one_of_its_node(launched, task, mode):
+    found = launched(task=task, mode=mode, seed="3", checkpoint="c.npz")
+    assert set(found) == set(LEARNING)
+    check(found)
     assert parameters(found["simulator"])["task"] == task
     assert parameters(found["learner"])["background"] == (mode == "realtime")
     files = [part for part in found["learner"].parameters if isinstance(part, str)]
@@ -111,7 +151,7 @@ def test_a_person_with_a_joystick_takes_the_place_of_a_shipped_set(launched):
 
 def test_or_a_page_in_the_browser_does(launched):
     found = launched(cockpit="true", mode="realtime", record="mine", demonstration="0")
-    assert set(found) == {*CLASSES, "cockpit"}
+    assert set(found) == {*LEARNING, "cockpit"}
     assert found["cockpit"].parameters == []
     shown, n = parameters(found["demonstrator"]), Pendulum.description.n_actions
     assert (shown["source"], shown["record"], shown["review"]) == ("joy", "mine", True)
@@ -121,7 +161,7 @@ def test_or_a_page_in_the_browser_does(launched):
 
 def test_each_of_several_vehicles_has_its_own(launched):
     found = launched(vehicles="2", seed="5", checkpoint="out/c.npz", namespace="lab")
-    assert set(found) == {f"/lab/v{n}/{node}" for n in (1, 2) for node in CLASSES}
+    assert set(found) == {f"/lab/v{n}/{node}" for n in (1, 2) for node in LEARNING}
     learners = [parameters(found[f"/lab/v{n}/learner"]) for n in (1, 2)]
     assert [learner["seed"] for learner in learners] == [5, 6]
     assert [learner["checkpoint"] for learner in learners] == ["out/c_v1.npz", "out/c_v2.npz"]

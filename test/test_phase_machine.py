@@ -96,10 +96,10 @@ def test_a_climb_is_asked_for_where_the_autopilot_climbs_by_command(stream_first
     m = machine(stream_first)
     m.begin(0.0)
     m.step(BRIDGE._replace(now=2.0))
-    asked = [commands(m.step(BRIDGE._replace(now=t))) for t in (2.1, 3.0, 5.0, 5.2)]
+    asked = [commands(m.step(BRIDGE._replace(now=t))) for t in (2.1, 5.2, 10.0, 10.2)]
     once = [] if stream_first else [Command.TAKE_OFF]
     assert asked == [once, [], [], once]
-    off = BRIDGE._replace(now=9.0, motion=Motion(height=0.6))
+    off = BRIDGE._replace(now=19.0, motion=Motion(height=0.6))
     assert commands(m.step(off)) == []  # it has left the ground
     for wrong in (Motion(height=4.5), Motion(height=5.5), Motion(height=5.0, climb=0.6)):
         assert not entered(m.step(off._replace(motion=wrong)))

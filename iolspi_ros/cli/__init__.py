@@ -21,6 +21,7 @@ def main() -> int:
         fly,
         joystick,
         learn,
+        manage,
         new_task,
         record,
         reproduce,

@@ -260,7 +260,8 @@ class Flight:
     def _end(self, trouble: str) -> Flown:
         """Land what still flies, and gather what is known."""
         if trouble:
-            console.print(f"[bold]The flight ends:[/bold] {trouble}")
+            console.print("[bold]The flight ends:[/bold]", end=" ")
+            console.print(trouble, markup=False)
             if "bridge" in self._nodes.ended():
                 self._abandoned()
             else:

@@ -82,6 +82,8 @@ def _give_back(link: LinkSettings) -> None:
     try:
         with _met(link, FlightSettings()) as preflight:
             preflight.find()
+            if preflight.armed:
+                raise InputError("it is armed: nothing is changed; land it first")
             for failed in preflight.restore(lambda text: console.print(f"  {text}")):
                 console.print(f"  {failed}")
     except InputError as error:

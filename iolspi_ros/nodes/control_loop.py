@@ -7,20 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, runtime, wire
+from iolspi_ros import qos, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
+from iolspi_ros.nodes.vehicle_watch import VehicleWatch
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.seen import Seen
 from iolspi_ros.task import TaskDescription
-from iolspi_ros.unheard import unheard
 from iolspi_ros.vitals import Pulse
 
-TASK = "std_msgs/msg/String"
 RESTARTED = 20
 """Observations in a row, all older than the newest, after which they are another run's."""
 
@@ -123,7 +121,7 @@ class ControlLoop:
         self._seen: Observation | None = None
         self._waiting: Observation | None = None  # for a controller that is busy
         self._heard = False
-        self._watch: Any = None
+        self._watch: VehicleWatch | None = None
         self.running = False
         self.invalid = 0
         self.pulse = Pulse()
@@ -145,8 +143,9 @@ class ControlLoop:
     def start(self) -> None:
         """Begin to answer."""
         self.running = True
-        if self._timeout and self._watch is None:
-            self._watch = runtime.wall_timer(self._node, self._timeout, self._check_vehicle)
+        if self._watch is None and not self._local:
+            topic = self._heard_on[0].topic_name
+            self._watch = VehicleWatch(self._node, topic, lambda: self._heard, self._timeout)
 
     def stop(self) -> None:
         """Stop answering; somebody else flies."""
@@ -159,7 +158,7 @@ class ControlLoop:
             self._node.destroy_subscription(subscription)
         self._node.destroy_publisher(self._out)
         if self._watch is not None:
-            self._node.destroy_timer(self._watch)
+            self._watch.close()
 
     def ignore(self, why: str) -> None:
         """Count an unusable message and say why, not too often."""
@@ -309,22 +308,3 @@ class ControlLoop:
                 observation.action if observation.action >= 0 else self.task.neutral
             ), Source.HOLD
         return self._controller.choose(observation)
-
-    def _check_vehicle(self) -> None:
-        self._watch.cancel()
-        if not self._heard:
-            topic = self._node.resolve_topic_name("state")
-            self._node.fail(no_vehicle(self._node, topic, self._timeout))
-
-
-def no_vehicle(
-    node: Any, topic: str, timeout: float, kind: str = "", profile: QoSProfile = qos.CONTROL
-) -> InputError:
-    """Nobody is heard on a topic where a vehicle should be, or what keeps it from being heard."""
-    why = unheard(node, topic, kind, profile)
-    if why:
-        return InputError(f"no vehicle: {why}; allowed: what docs/interfaces.md says of {topic}")
-    return InputError(
-        f"no vehicle: nothing on {topic} for {timeout:g} s; start a simulator in the same "
-        "ROS_DOMAIN_ID and namespace, or set the parameter vehicle_timeout to 0.0 to wait for ever"
-    )

@@ -16,12 +16,12 @@ from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.control_loop import TASK, no_vehicle
 from iolspi_ros.nodes.hand import HandFlight
 from iolspi_ros.nodes.override import Override
 from iolspi_ros.nodes.person import Person
 from iolspi_ros.nodes.player import Player, PlayerSettings, check_bags
 from iolspi_ros.nodes.teleop import ScriptedFlight, TeleopSettings
+from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
 from iolspi_ros.process import say
 from iolspi_ros.runtime import RCLError
 from iolspi_ros.settings import Settings, setting
@@ -71,7 +71,7 @@ class Demonstrator(ManagedNode):
         self._work: Player | ScriptedFlight | HandFlight | Override | None = None
         self._ended = False
         self.recorded = 0
-        self._watch: Any = None
+        self._watch: VehicleWatch | None = None
         self._sent = 0
 
     # ------------------------------------------------------------ managed
@@ -96,14 +96,19 @@ class Demonstrator(ManagedNode):
 
     def activate(self) -> None:
         """Demonstrate, as soon as there is a vehicle."""
-        timeout = self._teleop_settings.vehicle_timeout
         if self._work is not None:
             self._work.resume()
-        elif timeout:
-            self._watch = runtime.wall_timer(self, timeout, self._check_vehicle)
+        elif self._watch is None:
+            self._watch = VehicleWatch(
+                self, self._listener.topic, lambda: self._work is not None,
+                self._teleop_settings.vehicle_timeout, TASK, qos.TASK,
+            )  # fmt: skip
 
     def deactivate(self) -> None:
         """Pause."""
+        if self._watch is not None:
+            self._watch.close()
+            self._watch = None
         if self._work is not None:
             self._work.pause()
 
@@ -174,12 +179,6 @@ class Demonstrator(ManagedNode):
         self.get_logger().error(f"{text}; nothing is demonstrated from now on")
         if self._work is not None:
             self._work.pause()
-
-    def _check_vehicle(self) -> None:
-        self._watch.cancel()
-        if self._work is None and self.active:
-            timeout = self._teleop_settings.vehicle_timeout
-            self.fail(no_vehicle(self, self._listener.topic, timeout, TASK, qos.TASK))
 
     def _look_after(self) -> None:
         """Publish what waits; after the demonstration leave the vehicle to whoever takes it."""

@@ -22,12 +22,12 @@ from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_cl
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.control_loop import TASK, no_vehicle
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.fleet import Fleet
 from iolspi_ros.nodes.journal import Mark
 from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
+from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
 from iolspi_ros.process import say
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
@@ -51,7 +51,7 @@ class NodeSettings(Settings):
         False, "solve beside the control thread (real time) instead of inline (lockstep)"
     )
     vehicle_timeout: float = setting(
-        10.0, "give up when no vehicle was heard for this long at the start [s]; 0.0 for never",
+        0.0, "give up when no vehicle was heard for this long at the start [s]; 0.0 for never",
         low=0.0, high=1e6,
     )  # fmt: skip
 
@@ -108,7 +108,7 @@ class LearnerNode(ManagedNode):
         self._while_flying = 0  # samples
         self._due = False  # an update, since before a resume
         self._again = False  # whether it goes through what was observed before a kill
-        self._watch: Any = None
+        self._watch: VehicleWatch | None = None
         self.add_post_set_parameters_callback(self._on_changed)
 
     # ------------------------------------------------------------ managed
@@ -130,13 +130,18 @@ class LearnerNode(ManagedNode):
 
     def activate(self) -> None:
         """Act, when there is a vehicle and enough was learned."""
-        timeout = self.settings.vehicle_timeout
-        if self.core is None and timeout:
-            self._watch = runtime.wall_timer(self, timeout, self._check_vehicle)
+        if self.core is None and self._watch is None:
+            self._watch = VehicleWatch(
+                self, self._task.topic, lambda: self.core is not None,
+                self.settings.vehicle_timeout, TASK, qos.TASK,
+            )  # fmt: skip
         self._act_if_ready()
 
     def deactivate(self) -> None:
         """Stop acting; what was learned stays."""
+        if self._watch is not None:
+            self._watch.close()
+            self._watch = None
         if self.core is not None:
             self._loop.stop()
 
@@ -315,12 +320,6 @@ class LearnerNode(ManagedNode):
         self._conflict = text
         if self.core is not None:
             self._loop.stop()
-
-    def _check_vehicle(self) -> None:
-        self._watch.cancel()
-        if self.core is None and self.active:
-            timeout = self.settings.vehicle_timeout
-            self.fail(no_vehicle(self, self._task.topic, timeout, TASK, qos.TASK))
 
     def _act_if_ready(self) -> None:
         if self.active and self._ready and not self._conflict and self._pretraining is None:

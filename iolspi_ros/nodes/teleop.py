@@ -26,7 +26,7 @@ class TeleopSettings(Settings):
     )  # fmt: skip
     episodes: int = setting(21, "episodes to fly; T flies one from each of 21 starts", low=1)
     vehicle_timeout: float = setting(
-        10.0, "give up when no vehicle was heard for this long at the start [s]; 0.0 for never",
+        0.0, "give up when no vehicle was heard for this long at the start [s]; 0.0 for never",
         low=0.0, high=1e6,
     )  # fmt: skip
 

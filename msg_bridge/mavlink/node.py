@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -19,6 +18,7 @@ from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import Autostart, ManagedNode
+from iolspi_ros.process import say
 from iolspi_ros.settings import Settings, replaced, setting
 from iolspi_ros.vehicle_topics import VehicleTopics
 from msg_bridge.mavlink.arbiter import Authority, Timeouts
@@ -97,7 +97,7 @@ class Bridge(ManagedNode):
     def close(self) -> None:
         """Land if in the air, and give the autopilot its parameters back."""
         if self._flight is not None and self._flight.in_flight:
-            print("bridge: ends in flight; the autopilot is told to land", file=sys.stderr)
+            say("bridge: ends in flight; the autopilot is told to land")
             self._flight.land(self._vehicle_clock.now(), "the bridge ends")
             end = time.monotonic() + _PARTING
             landing = self._flight.profile.landing
@@ -154,7 +154,9 @@ class Bridge(ManagedNode):
         self._runner = Runner(self._flight, self._vehicle_clock, self._say)
         self._runner.start()
         self._check("result", "passed")
-        self.get_logger().info("preflight passed: activate the bridge to fly")
+        self.get_logger().info(
+            "preflight passed; it flies once it is activated: iolspi manage bridge activate"
+        )
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""
@@ -162,11 +164,8 @@ class Bridge(ManagedNode):
             self._runner.stop()
         if self._preflight is not None:
             for failed in self._preflight.restore():
-                # Printed: to be read at any log level.
-                print(
-                    f"bridge: {failed}; it stays as it is; give it back with iolspi fly --restore",
-                    file=sys.stderr,
-                )
+                # Not logged: to be read at any log level.
+                say(f"bridge: {failed}; it stays as it is; iolspi fly --restore gives it back")
         if self._link is not None:
             self._link.close()
         self._link = self._flight = self._runner = self._preflight = None

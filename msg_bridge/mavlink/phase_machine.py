@@ -22,7 +22,7 @@ from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 Array = NDArray[np.float64]
 _AGAIN = 1.0  # between two requests of the same [s]
-_CLIMB_AGAIN = 3.0  # between two requests to take off [s]
+_CLIMB_AGAIN = 8.0  # between two requests to take off: a lift-off takes seconds [s]
 _STOPPED = 0.3  # a vehicle below this has stopped [m/s]
 _STILL = 0.2  # so long after the end it does not begin to look for the next start [s]
 _PROBE = 1.0  # between two episodes that nobody has answered [s]

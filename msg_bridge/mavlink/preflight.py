@@ -116,6 +116,11 @@ class Preflight:
         self._loan = Loan(client, self._memory, vehicle, self._settings.url)
         return profile, client
 
+    @property
+    def armed(self) -> bool:
+        """Whether the vehicle flies, or may at any moment."""
+        return self._link.telemetry.armed
+
     def restore(self, tell: Callable[[str], None] = lambda text: None) -> list[str]:
         """Give the autopilot its parameters back; what could not be given back."""
         self._going_on = lambda: True  # also when it is a signal that ends the bridge
@@ -178,7 +183,10 @@ class Preflight:
         words = []
         if t.strangers:
             systems = ", ".join(map(str, sorted(t.strangers)))
-            words.append(f"heard system {systems}, not {t.system}: set `system`")
+            words.append(
+                f"heard system {systems}, not {t.system}: set `system` (iolspi fly --bridge "
+                f"system={min(t.strangers)})"
+            )
         if codec.rejected and t.autopilot is None:
             words.append(f"{codec.rejected} packets were broken, unsigned or wrongly signed")
         if t.texts:
