@@ -58,6 +58,7 @@ setup(
         "iolspi_ros.tasks": [
             "pendulum = sim_nodes.tasks.pendulum:Pendulum",
             "slung_load = sim_nodes.tasks.slung_load:SlungLoad",
+            "slung_load_3d = sim_nodes.tasks.slung_load_3d:SlungLoad3D",
             "cart_pole = sim_nodes.tasks.cart_pole:CartPole",
         ],
         "gymnasium.envs": ["iolspi_ros = msg_bridge.gym:register"],
