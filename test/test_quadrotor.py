@@ -29,7 +29,7 @@ def flown(state, seconds, frame=FREE, payload=LOAD, command=None, wind=CALM, dt=
 
 def wild(rng, frame=FREE, payload=LOAD):
     """A leaning, turning, swinging vehicle; the load parts from it at no speed."""
-    angles = rng.uniform(-0.8, 0.8, 2)
+    angles = rng.uniform(-0.7, 0.7, 2)
     state = body.hovering(frame, payload, tuple(rng.uniform(-3, 3, 3)), tuple(angles))
     state[body.VELOCITY] = rng.normal(size=3)
     x, y, z, w = Rotation.from_euler("ZYX", rng.uniform(-0.5, 0.5, 3)).as_quat()

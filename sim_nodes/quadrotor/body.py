@@ -228,24 +228,28 @@ def hovering(
 
 
 def direction(angle_x: float, angle_y: float) -> Array:
-    """Where the cable points to, shape (3,), from its angles in the planes of x and of y."""
-    towards = np.array([math.tan(angle_x), math.tan(angle_y), -1.0])
-    found: Array = towards / np.linalg.norm(towards)
-    return found
+    """Where a hanging cable points to, shape (3,), from its angles towards x and towards y."""
+    x, y = math.sin(angle_x), math.sin(angle_y)
+    return np.array([x, y, -math.sqrt(max(1.0 - x * x - y * y, 0.0))])
 
 
 @njit(cache=True)
 def swing(state: Array, out: Array) -> None:
     """Angles of the cable and their rates, into four places: (θx, θ̇x, θy, θ̇y) [rad, rad/s].
 
-    θx is the angle from hanging down in the plane of x and z, positive towards x, as T's θ; θy the
-    same of y. So mirrors and quarter turns of the world only change their signs and places.
+    θx is the angle by which the cable leaves the vertical plane of y towards x, T's θ where the
+    load swings in x alone; θy the same towards y. So mirrors and quarter turns of the world only
+    change their signs and places.
     """
-    z, vz = state[2] - state[19], state[5] - state[22]
+    away = max(distance(state), 1e-9)
+    stretch = 0.0
+    for i in range(3):
+        stretch += (state[17 + i] - state[i]) * (state[20 + i] - state[3 + i]) / away
     for i in range(2):
-        x, vx = state[17 + i] - state[i], state[20 + i] - state[3 + i]
-        out[2 * i] = math.atan2(x, z)
-        out[2 * i + 1] = (vx * z - x * vz) / max(x * x + z * z, 1e-12)
+        sine = (state[17 + i] - state[i]) / away
+        turning = (state[20 + i] - state[3 + i] - sine * stretch) / away
+        out[2 * i] = math.asin(min(max(sine, -1.0), 1.0))
+        out[2 * i + 1] = turning / max(math.sqrt(max(1.0 - sine * sine, 0.0)), 0.05)
 
 
 def release(state: Array) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from iolspi_ros.errors import InputError
 from sim_nodes.quadrotor.airframe import G
 from sim_nodes.quadrotor.body import CABLE as CABLE_STATE
-from sim_nodes.quadrotor.body import swing
+from sim_nodes.quadrotor.body import direction, swing
 from sim_nodes.quadrotor.cable import SLACK
 
 Array = NDArray[np.float64]
@@ -74,13 +74,10 @@ def see(state: Array, seen: Array) -> None:
 
 def load_of(seen: Array, length: float) -> tuple[Array, Array]:
     """Position [m] and velocity [m/s] of the load on its taut cable, each of shape (3,)."""
-    towards = np.array([math.tan(seen[SWING_X]), math.tan(seen[SWING_Y]), -1.0])
-    turning = np.array(
-        [seen[d + 1] * (1.0 + towards[i] ** 2) for i, d in enumerate((SWING_X, SWING_Y))] + [0.0]
-    )
-    size = float(np.linalg.norm(towards))
-    unit = towards / size
-    turning = (turning - unit * (unit @ turning)) / size
+    angles, rates = seen[[SWING_X, SWING_Y]], seen[[SWING_X + 1, SWING_Y + 1]]
+    unit = direction(*angles.tolist())
+    turning = np.append(np.cos(angles) * rates, 0.0)
+    turning[2] = -(unit[:2] @ turning[:2]) / min(unit[2], -1e-3)  # across the cable
     return seen[:SWING_X:2] + length * unit, seen[1:SWING_X:2] + length * turning
 
 
