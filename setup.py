@@ -64,6 +64,7 @@ setup(
         "gymnasium.envs": ["iolspi_ros = msg_bridge.gym:register"],
         "iolspi_ros.learners": [
             "iolspi = iolspi_ros.core.online:OnlineLSPI",
+            "iolspi_symmetric = iolspi_ros.core.symmetric:SymmetricLSPI",
         ],
     },
 )

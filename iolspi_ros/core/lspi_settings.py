@@ -48,6 +48,13 @@ class LSPISettings(Settings):
         choices=("", *BASES, AUTO),
     )
     kernels: int = setting(500, "auto: functions of a state, at most", low=1)
+    metric: tuple[float, ...] = setting(
+        (1.0,),
+        "auto: what each variable's range counts beside others', one for all or each",
+        low=0.0,
+        low_open=True,
+        high=1e6,
+    )
     low: tuple[float, ...] = setting((), "lower limits of the grid of centres; else the task's")
     high: tuple[float, ...] = setting((), "upper limits of the grid of centres; else the task's")
     centers: tuple[int, ...] = setting(
@@ -132,9 +139,11 @@ class LSPISettings(Settings):
             When the grid is of another number of dimensions, or the task has no limits.
         """
         n = task.n_dims
-        for name in ("low", "high", "centers", "periodic", "envelope_low", "envelope_high"):
+        for name in (
+            "low", "high", "centers", "metric", "periodic", "envelope_low", "envelope_high"
+        ):  # fmt: skip
             count = len(getattr(self, name))
-            for_all = name in ("periodic", "envelope_low", "envelope_high")
+            for_all = name in ("metric", "periodic", "envelope_low", "envelope_high")
             if count not in ((0, 1, n) if for_all else (0, n)):
                 raise InputError(
                     f"{name} has {count} entries; allowed: {n}, one for each of "

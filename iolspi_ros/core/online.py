@@ -334,7 +334,7 @@ class OnlineLSPI:
             seen = kept.transitions + batch
             believed, basis, cells = ~doubts(seen, *limits).rows, features, kept.cells
             if isinstance(features, Kernels):
-                basis, cells = features.around(seen.state[believed], s.kernels)
+                basis, cells = features.around(seen.state[believed], s.kernels, s.metric)
             buffer = replace(kept, cells=cells).add(batch, step, demonstrated, at_once=pretraining)
             new = batch[believed[len(kept) :]]
             grown = shield.learn(new, 1.0 if pretraining else s.forget_factor)

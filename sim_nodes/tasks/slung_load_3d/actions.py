@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.errors import InputError
-from iolspi_ros.task import Action
+from iolspi_ros.task import Action, Symmetry
 from iolspi_ros.task.description import MOST_ACTIONS
 
 Array = NDArray[np.float64]
 
+JOINTS = ("x", "y", "z", "swing_x", "swing_y")
+"""What is seen: a position and a velocity of each."""
 PUSH, CLIMB = 3.0, 0.8
 """Of the usual actions: acceleration each way [m/s²] (T IV-B); climb and descent [m/s]."""
 
@@ -87,6 +89,42 @@ def listed(numbers: tuple[float, ...], vertical: bool) -> Actions:
             f"{MOST_ACTIONS - 1}, and one of zeros, which is flown while nobody says anything"
         )
     return Actions(np.concatenate([rows, np.zeros((1, size))]), int(still[0]))
+
+
+_MIRRORS = {
+    "mirror in x": (np.array([[-1.0, 0.0], [0.0, 1.0]]), {"x": "-x", "swing_x": "-swing_x"}),
+    "mirror in y": (np.array([[1.0, 0.0], [0.0, -1.0]]), {"y": "-y", "swing_y": "-swing_y"}),
+    "x for y": (
+        np.array([[0.0, 1.0], [1.0, 0.0]]),
+        {"x": "y", "y": "x", "swing_x": "swing_y", "swing_y": "swing_x"},
+    ),
+}
+
+
+def symmetries(chosen: Actions, fixed: Array) -> tuple[Symmetry, ...]:
+    """What may be exchanged, about the middle of the hall: a quarter turn is two of these.
+
+    Parameters
+    ----------
+    chosen : Actions
+        Must be the same when mirrored.
+    fixed : ndarray of shape (n, 2)
+        Vectors in the plane that must stay: where the basket is, where the wind blows to.
+    """
+    found = []
+    for name, (mirror, changed) in _MIRRORS.items():
+        images = chosen.values.copy()
+        images[:, :2] = images[:, :2] @ mirror
+        off = np.abs(images[:-1, None] - chosen.values[None, :-1]).max(axis=2)
+        if off.min(axis=1).max(initial=0.0) > 1e-9 or np.abs(fixed @ mirror - fixed).max() > 1e-9:
+            continue
+        variables = tuple(
+            f"{changed.get(joint, joint)}.{what}"
+            for joint in JOINTS for what in ("position", "velocity")
+        )  # fmt: skip
+        places = (*off.argmin(axis=1).tolist(), chosen.release)
+        found.append(Symmetry(name, variables, places))
+    return tuple(found)
 
 
 def _name(value: tuple[float, ...]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
-from iolspi_ros.task import Ending, TaskDescription, Variable
+from iolspi_ros.task import Ending, Symmetry, TaskDescription, Variable
 from sim_nodes.quadrotor import control
 from sim_nodes.quadrotor.airframe import AIRFRAMES, Payload, check_payload
 from sim_nodes.quadrotor.body import LOAD, LOAD_VELOCITY, hovering
@@ -20,7 +20,7 @@ from sim_nodes.quadrotor.wind import Gusts, check_wind, gusts
 from sim_nodes.tasks.law import Law
 from sim_nodes.tasks.shapes import Picture, Point
 from sim_nodes.tasks.slung_load_3d import actions, picture
-from sim_nodes.tasks.slung_load_3d.actions import Actions
+from sim_nodes.tasks.slung_load_3d.actions import Actions, symmetries
 from sim_nodes.tasks.slung_load_3d.pilot import Explore, Perform
 from sim_nodes.tasks.slung_load_3d.scene import (
     CABLE,
@@ -48,8 +48,8 @@ _START, _ALTITUDE, _SWING = 4.0, (2.4, 3.2), math.pi / 6  # [m], [m], [rad]
 _GAINS = control.Gains()
 
 
-def describe(chosen: Actions) -> TaskDescription:
-    """The task with some actions."""
+def describe(chosen: Actions, symmetries: tuple[Symmetry, ...]) -> TaskDescription:
+    """The task with some actions, and what may be exchanged in it."""
     vertical = chosen.values.shape[1] == 3
     axes = (("x", -HALL, HALL, 8.0), ("y", -HALL, HALL, 8.0), ("z", 0.0, CEILING, 3.0))
     swings = (("swing_x", "the cable ahead"), ("swing_y", "the cable to the left"))
@@ -84,6 +84,7 @@ def describe(chosen: Actions) -> TaskDescription:
         ),
         success="end with a dunk",
         map_variables=("x.position", "y.position"),
+        symmetries=symmetries,
     )
 
 
@@ -125,14 +126,16 @@ class SlungLoad3D(Settings):
     wind: float = setting(0.0, "steady wind [m/s]")
     wind_direction: float = setting(0.0, "where it blows to, counter-clockwise from +x [rad]")
     gusts: bool = setting(True, "in wind: gusts of MIL-F-8785C besides")
-    basket: tuple[float, ...] = setting((1.0, -0.5, 1.0), "its x, y and rim [m]")
+    basket: tuple[float, ...] = setting((0.0, 0.0, 1.0), "its x, y and rim [m]")
     basket_radius: float = setting(1.5, "[m]: T Table 2's half width")
     vertical: bool = setting(False, "actions that climb and descend besides")
     accelerations: tuple[float, ...] = setting(
         (), "actions in place of nine of 3.0 m/s^2: x and y of each in turn; vertical: and climb"
     )
 
-    description: ClassVar[TaskDescription] = describe(actions.usual(False))
+    description: ClassVar[TaskDescription] = describe(
+        actions.usual(False), symmetries(actions.usual(False), np.zeros((2, 2)))
+    )
     starts: ClassVar[int] = 100
     usual_episodes: ClassVar[int] = 1000
 
@@ -147,8 +150,9 @@ class SlungLoad3D(Settings):
         self._basket = Basket(*self.basket, self.basket_radius)
         check_basket(self._basket)
         self.actions = actions.listed(self.accelerations, self.vertical)
-        if self.accelerations or self.vertical:
-            vars(self)["description"] = describe(self.actions)
+        blown = self.wind * np.array([math.cos(self.wind_direction), math.sin(self.wind_direction)])
+        kept = symmetries(self.actions, np.array([self.basket[:2], blown]))
+        vars(self)["description"] = describe(self.actions, kept)
         self._episode: _Episode | None = None
 
     def _check_loads(self) -> None:
