@@ -112,7 +112,7 @@ def test_a_release_ends_with_what_the_body_would_do_in_the_end():
             body.move(
                 state, np.full(4, 360.0), np.array([3.0, 0, 0]), AR_DRONE_2, Payload(), 1e-3, room
             )
-        far = math.hypot(state[17] - 1.0, state[18] + 0.5)
+        far = math.hypot(state[17], state[18])
         assert ended
         if abs(far - 2.0) > 0.02:
             assert reward == (DUNK if far < 2.0 else MISS)
@@ -127,7 +127,7 @@ def test_a_release_ends_with_what_the_body_would_do_in_the_end():
 def test_a_step_costs_the_distance_left_and_the_clock_cuts():
     state = TASK.begin(3)
     _, reward, ended, cut = TASK.advance(ABOUT.neutral)
-    assert reward == pytest.approx(-0.5 * np.hypot(state[0] - 1.0, state[2] + 0.5))
+    assert reward == pytest.approx(-0.5 * np.hypot(state[0], state[2]))
     assert not ended
     assert not cut
 
@@ -284,7 +284,7 @@ def test_a_film_shows_the_load_fall_from_where_it_hung():
     np.testing.assert_allclose(loads[1], fallen, atol=1e-3)  # the air aside
     assert (np.diff(loads[:, 2]) <= 1e-12).all()
     rim = next(s for s in frames[0] if s.name == "basket, rim")
-    away = np.hypot(*(np.array(rim.points)[:, :2] - [1.0, -0.5]).T)
+    away = np.hypot(*np.array(rim.points)[:, :2].T)
     np.testing.assert_allclose(away, 1.5)
     assert {z for _, _, z in rim.points} == {1.0}
     assert len(pictures.released(TASK, before, -3.0, np.zeros(3))) == 0

@@ -179,8 +179,8 @@ class LSPISettings(Settings):
             self.constant,
         )  # fmt: skip
 
-    def guarded(self, n_actions: int) -> Shield:
-        """A shield that has seen nothing."""
+    def guarded(self, task: TaskDescription) -> Shield:
+        """A shield of a task that has seen nothing."""
         edges = np.clip([self.low, self.high], -UNLIMITED, UNLIMITED)
         period = self.features().table.periods
         low, high = (
@@ -189,7 +189,7 @@ class LSPISettings(Settings):
         )
         return Shield.empty(
             self.shield, low, high, edges.mean(axis=0), (edges[1] - edges[0]) / 2, period,
-            n_actions,
+            task.n_actions, np.array([action.value for action in task.actions], float),
         )  # fmt: skip
 
     def buffer(self) -> Buffer:

@@ -81,7 +81,7 @@ class OnlineLSPI:
         # The refreshed learner has no use for matrices of the functions' number squared.
         self.moments = Moments.empty(*(shape if self.literal else (1, 0)), settings.delta)
         self.buffer = self.settings.buffer()
-        self.shield = self.settings.guarded(task.n_actions)
+        self.shield = self.settings.guarded(task)
         self.step = 0
         self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
