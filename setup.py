@@ -59,11 +59,13 @@ setup(
         "iolspi_ros.tasks": [
             "pendulum = sim_nodes.tasks.pendulum:Pendulum",
             "slung_load = sim_nodes.tasks.slung_load:SlungLoad",
+            "slung_load_3d = sim_nodes.tasks.slung_load_3d:SlungLoad3D",
             "cart_pole = sim_nodes.tasks.cart_pole:CartPole",
         ],
         "gymnasium.envs": ["iolspi_ros = msg_bridge.gym:register"],
         "iolspi_ros.learners": [
             "iolspi = iolspi_ros.core.online:OnlineLSPI",
+            "iolspi_symmetric = iolspi_ros.core.symmetric:SymmetricLSPI",
         ],
     },
 )

@@ -89,5 +89,5 @@ def _fall(task: Task, before: Observation, last: Observation) -> Picture:
     path = pictures.released(task, before.state, last.reward, times)
     if not len(path):
         return ()
-    points = tuple((x, 0.0, z) for x, z in path.tolist())
+    points = tuple((x, y, z) for x, y, z in path.tolist())
     return (Shape("fall", LINE, points, (0.02, 0.0, 0.0), (*AMBER[:3], 0.6)),)

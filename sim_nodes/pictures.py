@@ -35,11 +35,11 @@ def released(task: Task, before: Array, reward: float, times: Array) -> Array:
 
     Returns
     -------
-    ndarray of shape (n, 2)
-        x and z [m]; of shape (0, 2) when nothing was released.
+    ndarray of shape (n, 3)
+        x, y and z [m]; of shape (0, 3) when nothing was released.
     """
     follow = getattr(task, "released", None)
-    return follow(before, reward, times) if follow else np.empty((0, 2))
+    return follow(before, reward, times) if follow else np.empty((0, 3))
 
 
 def film(task: Task, states: Sequence[Array], reward: float) -> list[Picture]:
@@ -59,7 +59,7 @@ def film(task: Task, states: Sequence[Array], reward: float) -> list[Picture]:
         return [picture(task, state) for state in states]
     with_released: Any = task
     pictures = [picture(task, state) for state in states[:-1]]
-    return pictures + [with_released.picture(states[-2], (x, z)) for x, z in falling.tolist()]
+    return pictures + [with_released.picture(states[-2], at) for at in map(tuple, falling.tolist())]
 
 
 def trail(task: Task | None, states: Array, reward: float) -> Array | None:

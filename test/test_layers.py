@@ -23,6 +23,7 @@ ROOMS = {
     "task": ("iolspi_ros.task",),
     "core": ("iolspi_ros.core",),
     "files": ("iolspi_ros.arguments", "iolspi_ros.resources"),
+    "vehicle": ("sim_nodes.quadrotor",),
     "tasks": ("sim_nodes.tasks", "sim_nodes.pilots", "sim_nodes.world", "sim_nodes.pictures"),
     "wire": ("iolspi_ros.wire", "iolspi_ros.cdr", "iolspi_ros.pairing", "iolspi_ros.bags",
              "iolspi_ros.seen", "iolspi_ros.takeover", "iolspi_ros.preview_request"),
@@ -50,11 +51,12 @@ BELOW = {
     "task": {"ground"},
     "core": {"ground", "task"},
     "files": {"ground", "task"},
-    "tasks": {"ground", "task", "core"},
+    "vehicle": {"ground"},
+    "tasks": {"ground", "task", "core", "vehicle"},
     "wire": {"ground", "task", "core", "files"},
     "ros": {"ground", "task", "core", "files", "wire"},
     "frames": {"ground"},
-    "autopilot": {"ground", "task", "core", "tasks", "frames"},
+    "autopilot": {"ground", "task", "core", "vehicle", "tasks", "frames"},
     "simulator": {"ground", "task", "core", "files", "tasks", "wire", "ros"},
     "nodes": {"ground", "task", "core", "files", "tasks", "wire", "ros", "simulator"},
     "bridge": {"ground", "task", "core", "files", "tasks", "wire", "ros", "frames"},
@@ -77,8 +79,8 @@ EXCEPTIONS = {
 ROS = ("rclpy", "std_msgs", "sensor_msgs", "std_srvs", "rosgraph_msgs", "diagnostic_msgs",
        "geometry_msgs", "visualization_msgs", "lifecycle_msgs", "rcl_interfaces",
        "builtin_interfaces")  # fmt: skip
-ROS_FREE = ("ground", "task", "core", "files", "tasks", "frames", "autopilot", "experiments",
-            "report")  # fmt: skip
+ROS_FREE = ("ground", "task", "core", "files", "vehicle", "tasks", "frames", "autopilot",
+            "experiments", "report")  # fmt: skip
 """Rooms that no ROS is imported in; elsewhere it is, and in `wire` only where a message is made."""
 
 

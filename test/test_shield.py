@@ -8,6 +8,7 @@ from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.shield import HORIZON, allowed, lasting, predict, safest
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.task import Action, TaskDescription, Variable
 from sim_nodes.tasks import make_task
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import RELEASE, Outcome, outcome
@@ -16,6 +17,10 @@ from sim_nodes.world import World, WorldSettings
 CART = LSPISettings(
     low=(-5.0, -3.0), high=(5.0, 3.0), centers=(5, 5), periodic=(False,),
     shield=True, envelope_low=(-5.0, -np.inf), envelope_high=(5.0, np.inf),
+)  # fmt: skip
+CART_TASK = TaskDescription(
+    name="cart", variables=(Variable("x"), Variable("v")),
+    actions=tuple(Action(name) for name in ("-", "0", "+")), sampling_time=0.1,
 )  # fmt: skip
 H = 0.1
 
@@ -33,7 +38,7 @@ def cart_shield(n=2000):
     state, action = rng.uniform((-5, -3), (5, 3), (n, 2)), rng.integers(3, size=n)
     none = np.zeros(n, bool)
     batch = Transitions(state, action, np.zeros(n), cart(state, action), none, none)
-    return CART.guarded(3).learn(batch)
+    return CART.guarded(CART_TASK).learn(batch)
 
 
 def test_a_step_is_predicted_as_the_vehicle_makes_it():
@@ -64,7 +69,7 @@ def test_batches_add_up_and_forget_as_moments_do():
     state, action = rng.uniform(-2, 2, (n, 2)), rng.integers(3, size=n)
     none = rng.random(n) < 0.2
     rows = Transitions(state, action, np.zeros(n), cart(state, action), none, none)
-    whole, parts = CART.guarded(3).learn(rows, eta), CART.guarded(3)
+    whole, parts = CART.guarded(CART_TASK).learn(rows, eta), CART.guarded(CART_TASK)
     for first in range(0, n, 20):
         parts = parts.learn(rows[first : first + 20], eta)
     for name in ("gram", "cross", "seen", "ended"):
@@ -135,3 +140,55 @@ def test_an_envelope_must_have_limits_that_fit():
         LSPISettings(envelope_low=(1.0,), envelope_high=(1.0,))
     with pytest.raises(InputError, match="shield is on without a limit"):
         LSPISettings(shield=True)
+
+
+# ------------------------------------------------------------------ many variables
+
+WIDE = TaskDescription(
+    name="eight",
+    variables=tuple(Variable(f"v{n}", low=-1.0, high=1.0) for n in range(8)),
+    actions=(Action("-", (-1.0,)), Action("0", (0.0,)), Action("+", (1.0,)), Action("end", (0.0,))),
+    sampling_time=0.1,
+    neutral=1,
+)
+
+
+def drifting(state, action):
+    """v0 moves with v1, which the action pushes; the others with squares of v2."""
+    after = state.copy()
+    after[:, 0] += 0.2 * state[:, 1]
+    after[:, 1] += 0.1 * (action - 1.0) * (action < 3)
+    after[:, 3:] += 0.05 * state[:, 2:3] ** 2
+    return after
+
+
+def wide_rows(n, seed=0):
+    rng = np.random.default_rng(seed)
+    state, action = rng.uniform(-1, 1, (n, 8)), rng.integers(4, size=n)
+    none = np.zeros(n, bool)
+    return Transitions(state, action, np.zeros(n), drifting(state, action), action == 3, none)
+
+
+def test_actions_of_many_variables_share_a_fit_and_differ_by_their_values():
+    settings = LSPISettings(
+        basis="auto",
+        shield=True,
+        envelope_low=(-1.0, *(-np.inf,) * 7),
+        envelope_high=(1.0, *(np.inf,) * 7),
+    ).resolve(WIDE)
+    few = settings.guarded(WIDE).learn(wide_rows(100))
+    assert not few.guard.active
+    rows = wide_rows(250)  # 66 or so of each action: alone, none of the four would be enough
+    shield = settings.guarded(WIDE).learn(rows)
+    guard = shield.guard
+    assert guard.active
+    assert guard.ends.tolist() == [False, False, False, True]
+    seen, terms = np.empty(8), np.empty(guard.weights.shape[2])
+    for state in wide_rows(20, 1).state:
+        for action in range(3):
+            predict(guard, state, action, terms, seen)
+            expected = drifting(state[None], np.array([action]))[0]
+            np.testing.assert_allclose(seen, expected, atol=1e-5)
+    near = np.zeros((1, 8))
+    near[0, :2] = 0.85, 0.3  # only braking keeps it inside
+    assert shield.among(near)[0].tolist() == [True, False, False, True]

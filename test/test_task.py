@@ -258,7 +258,7 @@ def test_words_for_people_may_differ():
 
 def test_no_field_of_a_description_is_left_out_of_the_comparison():
     """Whoever adds one decides whether two vehicles may differ in it."""
-    words = {"success", "map_variables"}
+    words = {"success", "map_variables", "symmetries"}  # said for people and for learners
     compared = {
         "name", "variables", "actions", "sampling_time", "neutral", "episode_steps", "gamma",
         "endings", "action_unit", "version",

@@ -88,13 +88,17 @@ class Kernels(Basis):
             _flat(self.points, gains, self.periods),
         )  # fmt: skip
 
-    def around(self, states: Array, size: int) -> tuple[Kernels, Crowds]:
+    def around(
+        self, states: Array, size: int, metric: tuple[float, ...] = (1.0,)
+    ) -> tuple[Kernels, Crowds]:
         """As many functions, at most, around states among these; present ones tend to stay.
 
         Parameters
         ----------
         states : ndarray of shape (n_samples, n_dims)
         size : int
+        metric : tuple of float
+            What a variable's range counts, one for all or each.
 
         Returns
         -------
@@ -102,7 +106,7 @@ class Kernels(Basis):
         crowds : Crowds
             `FINER` times as many parts of the same states.
         """
-        scales = _ranges(states, self.periods)
+        scales = _ranges(states, self.periods) / np.array(metric)
         own = self.points if np.isfinite(self.scales).any() else self.points[:0]
         among = np.concatenate([own, states])
         loyalty = np.where(np.arange(len(among)) < len(own), LOYALTY**2, 1.0)

@@ -48,6 +48,13 @@ class LSPISettings(Settings):
         choices=("", *BASES, AUTO),
     )
     kernels: int = setting(500, "auto: functions of a state, at most", low=1)
+    metric: tuple[float, ...] = setting(
+        (1.0,),
+        "auto: what each variable's range counts beside others', one for all or each",
+        low=0.0,
+        low_open=True,
+        high=1e6,
+    )
     low: tuple[float, ...] = setting((), "lower limits of the grid of centres; else the task's")
     high: tuple[float, ...] = setting((), "upper limits of the grid of centres; else the task's")
     centers: tuple[int, ...] = setting(
@@ -132,9 +139,11 @@ class LSPISettings(Settings):
             When the grid is of another number of dimensions, or the task has no limits.
         """
         n = task.n_dims
-        for name in ("low", "high", "centers", "periodic", "envelope_low", "envelope_high"):
+        for name in (
+            "low", "high", "centers", "metric", "periodic", "envelope_low", "envelope_high"
+        ):  # fmt: skip
             count = len(getattr(self, name))
-            for_all = name in ("periodic", "envelope_low", "envelope_high")
+            for_all = name in ("metric", "periodic", "envelope_low", "envelope_high")
             if count not in ((0, 1, n) if for_all else (0, n)):
                 raise InputError(
                     f"{name} has {count} entries; allowed: {n}, one for each of "
@@ -170,8 +179,8 @@ class LSPISettings(Settings):
             self.constant,
         )  # fmt: skip
 
-    def guarded(self, n_actions: int) -> Shield:
-        """A shield that has seen nothing."""
+    def guarded(self, task: TaskDescription) -> Shield:
+        """A shield of a task that has seen nothing."""
         edges = np.clip([self.low, self.high], -UNLIMITED, UNLIMITED)
         period = self.features().table.periods
         low, high = (
@@ -180,7 +189,7 @@ class LSPISettings(Settings):
         )
         return Shield.empty(
             self.shield, low, high, edges.mean(axis=0), (edges[1] - edges[0]) / 2, period,
-            n_actions,
+            task.n_actions, np.array([action.value for action in task.actions], float),
         )  # fmt: skip
 
     def buffer(self) -> Buffer:

@@ -81,7 +81,7 @@ class OnlineLSPI:
         # The refreshed learner has no use for matrices of the functions' number squared.
         self.moments = Moments.empty(*(shape if self.literal else (1, 0)), settings.delta)
         self.buffer = self.settings.buffer()
-        self.shield = self.settings.guarded(task.n_actions)
+        self.shield = self.settings.guarded(task)
         self.step = 0
         self.n_samples = 0  # learned from, demonstrations among them
         self.updates = 0
@@ -334,7 +334,7 @@ class OnlineLSPI:
             seen = kept.transitions + batch
             believed, basis, cells = ~doubts(seen, *limits).rows, features, kept.cells
             if isinstance(features, Kernels):
-                basis, cells = features.around(seen.state[believed], s.kernels)
+                basis, cells = features.around(seen.state[believed], s.kernels, s.metric)
             buffer = replace(kept, cells=cells).add(batch, step, demonstrated, at_once=pretraining)
             new = batch[believed[len(kept) :]]
             grown = shield.learn(new, 1.0 if pretraining else s.forget_factor)

@@ -22,12 +22,18 @@ from iolspi_ros.core.samples import Transitions
 Array = NDArray[np.float64]
 
 DEGREE = 3
+LARGE, LARGE_DEGREE = 6, 2
+"""Variables beyond which the polynomial has this degree, and all actions share one: they differ
+by a push that is linear in their values. A cubic of ten variables has 286 coefficients."""
 SAMPLES_PER_TERM = 3
-"""Every action must be seen so often for each coefficient before the fit is believed."""
+"""Every action must be seen so often for each coefficient before the fit is believed; where they
+share one, all together."""
 RIDGE = 1e-9
 """Of the regression, in weights of a sample."""
 HORIZON = 9
 """Steps after which a vehicle that is still inside is taken to stay there."""
+SEARCH, LARGE_SEARCH = 10_000, 1_000
+"""Predictions that a search for a way takes at most: four actions never need so many."""
 
 
 class Guard(NamedTuple):
@@ -80,6 +86,8 @@ class Shield:
     cross : ndarray of shape (n_actions, n_terms, n_dims)
     seen, ended : ndarray of shape (n_actions,)
         Weight of the samples of each action, and of those that ended the task.
+    values : ndarray of shape (n_actions, n_values), optional
+        What the actions mean; without it they share nothing.
     """
 
     raised: bool
@@ -92,6 +100,7 @@ class Shield:
     cross: Array
     seen: Array
     ended: Array
+    values: Array | None = None
 
     @classmethod
     def empty(
@@ -103,13 +112,14 @@ class Shield:
         half: Array,
         period: Array,
         n_actions: int,
+        values: Array | None = None,
     ) -> Shield:
         """Before any sample."""
         n_terms, n_dims = len(_terms(len(low))[0]), len(low)
         return cls(
             raised, low, high, middle, half, period,
             np.zeros((n_actions, n_terms, n_terms)), np.zeros((n_actions, n_terms, n_dims)),
-            np.zeros(n_actions), np.zeros(n_actions),
+            np.zeros(n_actions), np.zeros(n_actions), values,
         )  # fmt: skip
 
     @property
@@ -163,22 +173,41 @@ class Shield:
         n_actions, n_terms, n_dims = self.cross.shape
         parent, factor = _terms(n_dims)
         ends = (self.seen > 0.0) & (self.ended >= self.seen)
-        weights = np.zeros((n_actions, n_dims, n_terms))
-        known = bool((ends | (self.seen >= SAMPLES_PER_TERM * n_terms)).all() and not ends.all())
-        if known:
+        weights, steers = np.zeros((n_actions, n_dims, n_terms)), np.flatnonzero(~ends)
+        if n_dims > LARGE and self.values is not None:
+            enough = self.seen[steers].sum() >= SAMPLES_PER_TERM * n_terms
+            known = bool(enough and len(steers))
+            if known:
+                weights[steers] = self._shared(steers, self.values[steers])
+        else:
+            enough = (self.seen[steers] >= SAMPLES_PER_TERM * n_terms).all()
+            known = bool(enough and len(steers))
             ridge = RIDGE * np.eye(n_terms)
-            for a in np.flatnonzero(~ends):
+            for a in steers if known else ():
                 weights[a] = np.linalg.solve(self.gram[a] + ridge, self.cross[a]).T
         return Guard(
             known and self.raised, self.low, self.high, self.middle, self.half, self.period, parent,
             factor, weights, ends,
         )  # fmt: skip
 
+    def _shared(self, steers: NDArray[np.int64], values: Array) -> Array:
+        """One fit of the terms and of the actions' values; these shift the first term, 1."""
+        gram, cross = self.gram[steers], self.cross[steers]
+        beside = np.einsum("at,av->tv", gram[:, :, 0], values)
+        among = np.einsum("a,av,aw->vw", gram[:, 0, 0], values, values)
+        whole = np.block([[gram.sum(axis=0), beside], [beside.T, among]])
+        wanted = np.concatenate([cross.sum(axis=0), values.T @ cross[:, 0]])
+        fit = np.linalg.solve(whole + RIDGE * np.eye(len(whole)), wanted)
+        n_terms = gram.shape[1]
+        shared: Array = np.repeat(fit[:n_terms].T[None], len(steers), axis=0)
+        shared[:, :, 0] += values @ fit[n_terms:]
+        return shared
+
 
 def _terms(n_dims: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Monomials up to `DEGREE`, each as one before it times a variable."""
+    """Monomials up to the degree, each as one before it times a variable."""
     powers: list[tuple[int, ...]] = [()]
-    for degree in range(1, DEGREE + 1):
+    for degree in range(1, (LARGE_DEGREE if n_dims > LARGE else DEGREE) + 1):
         powers += combinations_with_replacement(range(n_dims), degree)
     number = {power: k for k, power in enumerate(powers)}
     parent = [0, *(number[power[:-1]] for power in powers[1:])]
@@ -222,8 +251,8 @@ def predict(guard: Guard, state: Array, action: int, terms: Array, out: Array) -
 def lasting(guard: Guard, state: Array, action: int) -> int:
     """Steps that the vehicle can stay inside after an action, at most `HORIZON`.
 
-    Whatever comes after the action is searched depth first, until a way is found that stays
-    inside. An action that ends the task leaves nothing to fear.
+    Whatever comes after the action is searched until a way is found that stays inside: one action
+    held, then depth first. An action that ends the task leaves nothing to fear.
     """
     if guard.ends[action]:
         return HORIZON
@@ -233,8 +262,18 @@ def lasting(guard: Guard, state: Array, action: int) -> int:
     following = np.zeros(HORIZON, np.int64)
     if not predict(guard, state, action, terms, states[0]):
         return 0
-    most, level = 1, 0
-    while level >= 0:
+    most, level, left = 1, 0, SEARCH
+    if len(state) > LARGE:
+        left = LARGE_SEARCH
+        for a in range(n_actions):
+            steps = 1
+            while not guard.ends[a] and predict(guard, states[steps - 1], a, terms, states[steps]):
+                steps += 1
+                if steps == HORIZON:
+                    return HORIZON
+            most = max(most, steps)
+    while level >= 0 and left > 0:
+        left -= 1
         if level + 1 == HORIZON:
             return HORIZON
         a = following[level]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.errors import InputError, check_range
+from iolspi_ros.task.symmetry import Symmetry
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,7 @@ RESERVED = (
 """Names of other entries of a row on the wire, which no variable may have."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*")
 _POSITION, _VELOCITY = ".position", ".velocity"
-MOST_VARIABLES, MOST_ACTIONS, MOST_ENDINGS, MOST_VALUES = 1000, 1000, 100, 100
+MOST_VARIABLES, MOST_ACTIONS, MOST_ENDINGS, MOST_VALUES, MOST_SYMMETRIES = 1000, 1000, 100, 100, 8
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,8 @@ class TaskDescription:
         The two variables over which maps are drawn; the first two by default.
     version : int
         Of the task; two versions are two tasks.
+    symmetries : tuple of Symmetry
+        What may be exchanged without changing it; those that follow from them need not stand here.
 
     Raises
     ------
@@ -170,16 +173,18 @@ class TaskDescription:
     action_unit: str = ""
     map_variables: tuple[str, ...] = ()
     version: int = 1
+    symmetries: tuple[Symmetry, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.name:
             raise InputError("name of the task is ''; allowed: a word")
-        for what, entries, most in (
-            ("variables", self.variables, MOST_VARIABLES),
-            ("actions", self.actions, MOST_ACTIONS),
-            ("endings", self.endings, MOST_ENDINGS),
+        for what, entries, least, most in (
+            ("variables", self.variables, 1, MOST_VARIABLES),
+            ("actions", self.actions, 1, MOST_ACTIONS),
+            ("endings", self.endings, 1, MOST_ENDINGS),
+            ("symmetries", self.symmetries, 0, MOST_SYMMETRIES),
         ):
-            check_range(f"number of {what}", len(entries), 1, most)
+            check_range(f"number of {what}", len(entries), least, most)
             names = [entry.name for entry in entries]
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:
@@ -196,6 +201,8 @@ class TaskDescription:
         check_range("gamma", self.gamma, 0.0, 1.0, high_open=True)
         check_range("version", self.version, 0, 2**31)
         known = [variable.name for variable in self.variables]
+        for symmetry in self.symmetries:
+            symmetry.check(known, len(self.actions))
         unknown = [name for name in self.map_variables if name not in known]
         if unknown or len(self.map_variables) not in (0, 2):
             raise InputError(

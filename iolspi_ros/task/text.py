@@ -13,12 +13,18 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.task import plain
 from iolspi_ros.task.description import Action, Ending, TaskDescription, Variable
 from iolspi_ros.task.plain import parse
+from iolspi_ros.task.symmetry import Symmetry
 
 _HUGE = 1e300
-_PARTS: dict[str, type[Any]] = {"variables": Variable, "actions": Action, "endings": Ending}
+_PARTS: dict[tuple[type[Any], str], type[Any]] = {
+    (TaskDescription, "variables"): Variable, (TaskDescription, "actions"): Action,
+    (TaskDescription, "endings"): Ending, (TaskDescription, "symmetries"): Symmetry,
+}  # fmt: skip
+"""Fields that are lists of parts, by whose they are."""
 _WORDS: dict[Any, str] = {
     str: "a text", float: "a number", int: "an integer", bool: "true or false",
     tuple[float, ...]: "a list of numbers", tuple[str, ...]: "a list of texts",
+    tuple[int, ...]: "a list of integers",
     float | None: "a number",
 }  # fmt: skip
 
@@ -35,7 +41,7 @@ def _plain(part: Any) -> dict[str, Any]:
         value = getattr(part, field.name)
         if field.default is MISSING or value != field.default:
             found[field.name] = (
-                list(map(_plain, value)) if field.name in _PARTS
+                list(map(_plain, value)) if (type(part), field.name) in _PARTS
                 else list(value) if isinstance(value, tuple) else value
             )  # fmt: skip
     return found
@@ -112,8 +118,8 @@ def _make(cls: type[Any], content: Any, what: str) -> Any:
         raise InputError(f"{what} has no {lacking[0]}; it must have one")
     values = {}
     for name, value in content.items():
-        if name in _PARTS and cls is TaskDescription:
-            values[name] = _make_all(_PARTS[name], value, name)
+        if (cls, name) in _PARTS:
+            values[name] = _make_all(_PARTS[cls, name], value, name)
         else:
             values[name] = _typed(value, hints[name], f"{name} of {what}")
     return cls(**values)
@@ -145,8 +151,9 @@ def _typed(value: Any, hint: Any, what: str) -> Any:
             return (_typed(value, float, what),)
         if isinstance(value, list):
             return tuple(_typed(entry, float, what) for entry in value)
-    if hint == tuple[str, ...] and isinstance(value, list):
-        return tuple(_typed(entry, str, what) for entry in value)
+    if hint in (tuple[str, ...], tuple[int, ...]) and isinstance(value, list):
+        kind = typing.get_args(hint)[0]
+        return tuple(_typed(entry, kind, what) for entry in value)
     raise InputError(f"{what} is {_short(value)}; allowed: {_WORDS[hint]}")
 
 

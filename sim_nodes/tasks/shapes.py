@@ -1,6 +1,6 @@
 """Shapes in metres, of which pictures of a vehicle are made: for RViz and for reports.
 
-x points to the right, y away, z upwards (ENU); every task here moves in the plane y = 0.
+x points to the right, y away, z upwards (ENU); a task in two dimensions moves in the plane y = 0.
 """
 
 from __future__ import annotations

@@ -7,7 +7,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_nodes.tasks.shapes import AMBER, BALL, BOX, CLAY, DARK, GREY, LINE, TEAL, Picture, Shape
+from sim_nodes.tasks.shapes import (
+    AMBER,
+    BALL,
+    BOX,
+    CLAY,
+    DARK,
+    GREY,
+    LINE,
+    TEAL,
+    Picture,
+    Point,
+    Shape,
+)
 from sim_nodes.tasks.slung_load.dynamics import (
     GOAL,
     LENGTH,
@@ -31,23 +43,23 @@ def released(before: Array, reward: float, times: Array) -> Array:
     """Where a load is that was released in the last step; see `SlungLoad.released`."""
     ended = outcome(reward, True)
     if ended not in (Outcome.DUNK, Outcome.MISS):
-        return np.empty((0, 2))
-    way = falling(before, times)
+        return np.empty((0, 3))
+    way = np.insert(falling(before, times), 1, 0.0, axis=1)
     if ended == Outcome.DUNK:  # it comes to rest in the basket
-        landed = way[:, 1] <= _FLOOR - RIM
+        landed = way[:, 2] <= _FLOOR - RIM
         if landed.any():
             first = int(np.argmax(landed))
-            way[first:] = (way[first, 0], _FLOOR - RIM)
+            way[first:] = (way[first, 0], 0.0, _FLOOR - RIM)
     return way
 
 
-def picture(state: Array, at: tuple[float, float] | None = None) -> Picture:
+def picture(state: Array, at: Point | None = None) -> Picture:
     """Walls, basket, cable, quadrotor and load; without the cable when the load is elsewhere.
 
     Parameters
     ----------
     state : ndarray of shape (4,)
-    at : (x, z), optional
+    at : (x, y, z), optional
         Where the load is when it is off its cable [m].
     """
     x, angle = float(state[0]), float(state[2])
@@ -55,7 +67,7 @@ def picture(state: Array, at: tuple[float, float] | None = None) -> Picture:
     load = (x + LENGTH * math.sin(angle), 0.0, -LENGTH * math.cos(angle))
     end = load
     if at is not None:
-        end, load = here, (at[0], 0.0, at[1])
+        end, load = here, at
     left, right = GOAL - MARGIN, GOAL + MARGIN
     middle, bottom = -RIM - _BASKET_DEPTH / 2, -RIM - _BASKET_DEPTH
     side, deep = (_PLANK, 2 * MARGIN, _BASKET_DEPTH), 2 * MARGIN

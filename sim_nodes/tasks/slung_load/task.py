@@ -12,7 +12,7 @@ from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import Action, Ending, TaskDescription, Variable
 from sim_nodes.tasks.base import advance
 from sim_nodes.tasks.law import Law
-from sim_nodes.tasks.shapes import FALL_TIME, Picture
+from sim_nodes.tasks.shapes import FALL_TIME, Picture, Point
 from sim_nodes.tasks.slung_load import dynamics
 from sim_nodes.tasks.slung_load.dynamics import (
     ACCELERATIONS,
@@ -155,8 +155,8 @@ class SlungLoad(Settings):
         """The law of a scripted pilot who performs or explores."""
         return Perform() if mode == "perform" else Explore(rng)
 
-    def picture(self, state: Array, released: tuple[float, float] | None = None) -> Picture:
-        """What a state looks like, with the load at (x, z) [m] when it was released."""
+    def picture(self, state: Array, released: Point | None = None) -> Picture:
+        """What a state looks like, with the load elsewhere [m] when it was released."""
         return picture(state, released)
 
     def released(self, before: Array, reward: float, times: Array) -> Array:
@@ -173,8 +173,8 @@ class SlungLoad(Settings):
 
         Returns
         -------
-        ndarray of shape (n, 2)
-            x and z [m]; of shape (0, 2) when nothing was released.
+        ndarray of shape (n, 3)
+            x, y and z [m]; of shape (0, 3) when nothing was released.
         """
         return released(before, reward, times)
 
@@ -191,4 +191,4 @@ class SlungLoad(Settings):
         fall = self.released(states[-2], reward, np.linspace(0.0, FALL_TIME, 15))
         x, angle = (states[:-1] if len(fall) else states)[:, [0, 2]].T
         swung = np.column_stack([x + LENGTH * np.sin(angle), -LENGTH * np.cos(angle)])
-        return np.concatenate([swung, fall])
+        return np.concatenate([swung, fall[:, [0, 2]]])
