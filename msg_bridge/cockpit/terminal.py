@@ -35,6 +35,8 @@ def view_of(board: Board) -> RenderableType:
     if asks(board):
         parts.append(Text("the learner asks for help: take over", style="bold red"))
     parts += [Text(line, style="yellow") for line in board.get("advice") or []]
+    if board.get("said"):
+        parts.append(Text(board.get("said")["text"], style="dim"))
     if board.get("health"):
         parts.append(_health(board.get("health")))
     return Group(*parts)
