@@ -40,6 +40,7 @@ DEMONSTRATION = (*KEY, "active", "samples")
 TAKEOVER = (*KEY, "held")
 PILOTING = (*KEY, "phase", "kept", "discarded", "countdown", "held", "n_episodes")
 VERDICT = (*KEY, "kept")
+HELP = (*KEY, "asks", "unsure", "vetoes")
 
 
 class Phase(IntEnum):

@@ -20,6 +20,8 @@ from iolspi_ros.wire import Phase
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.pendulum.pilot import Perform
+from sim_nodes.tasks.slung_load.dynamics import DUNK
+from sim_nodes.tasks.slung_load.pilot import Perform as SlungLoadPerform
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser, needs_chromium]
 
@@ -321,3 +323,65 @@ def test_every_task_is_shown(ros, nodes, browser, name):
     """
     graph.until(lambda: page.run(painted) > 500)
     assert page.complaints() == []
+
+
+FAKE_GAMEPAD = """
+    const buttons = Array.from({length: 16}, () => ({pressed: false}));
+    window.fakePad = {axes: [0, 0], buttons};
+    navigator.getGamepads = () => [null, window.fakePad];
+"""
+"""A fake: no device is plugged in, and the page's own `getGamepads` is replaced. What is real is
+all behind it: the page's reading of it, the socket, `joy`, the demonstrator, and the vehicle."""
+
+
+def test_the_slung_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, browser):
+    """By a scripted person with a fake gamepad: the stick steers, A releases."""
+    task = task_class("slung_load")().description
+    run = cockpit("--task", "slung_load", "--speed", "0.5", "--seed", "1")
+    graph = Graph(ros, task)
+    page = browser(run.address)
+    take_the_stick(graph, page)
+    page.run(FAKE_GAMEPAD)
+    held = [None]
+
+    def hold(action):
+        """Left and right on the stick; the last of the actions on A."""
+        if action == held[0]:
+            return
+        held[0] = action
+        stick = {0: -1, 2: 1}.get(action, 0)
+        page.run(f"fakePad.axes = [{stick}, 0]; fakePad.buttons[0].pressed = {int(action == 3)};")
+
+    law = SlungLoadPerform()
+    law.begin()
+    graph.until(lambda: graph.phase == Phase.WAITING, 30.0)
+    hold(2)
+    graph.until(lambda: graph.phase == Phase.COUNTDOWN, 30.0)
+    hold(1)
+    dunk, end = task.endings[1], time.monotonic() + 100.0
+    assert dunk.success
+    ended = []
+    while dunk.name not in ended and time.monotonic() < end:
+        graph.until(lambda: graph.phase in (Phase.FLYING, Phase.REVIEW), 30.0)
+        while graph.phase == Phase.FLYING and time.monotonic() < end:
+            graph.loop.once(0.01)
+            # Where it will be when the word has come: a person looks ahead, too.
+            ahead = graph.now.state.copy()
+            ahead[0::2] += 0.1 * ahead[1::2]
+            hold(law.decide(ahead, 0.0))
+        hold(1)
+        graph.until(lambda: graph.phase == Phase.REVIEW, 30.0)
+        last = next(seen for seen in reversed(graph.seen) if seen.last)
+        ended.append(task.endings[int(task.ending(last.reward, last.terminated))].name)
+        verdict = "k" if ended[-1] == dunk.name else "d"
+        page.press(verdict)
+        page.lift(verdict)
+        graph.until(lambda: graph.phase != Phase.REVIEW)
+    assert ended[-1] == dunk.name, ended
+    assert page.complaints() == []
+    status, said = run.end()
+    assert status == 0, said
+    demonstration = bags.read_demonstration(run.folder / "demonstration", task)
+    assert demonstration.samples[-1].transition.reward == DUNK
+    assert {sample.source for sample in demonstration.samples} <= {Source.HUMAN, Source.HOLD}
+    assert demonstration.samples[-1].source == Source.HUMAN

@@ -52,6 +52,7 @@ def _actions(batch: Transitions, task: TaskDescription) -> str:
     ended = np.bincount(batch.action[known & batch.terminated], minlength=task.n_actions)
     few = (counts < SELDOM * max(int(counts.sum()), 1)) & (2 * ended <= counts)
     names = [task.actions[n].name for n in np.flatnonzero(few)]
+    names = [f"action {name}" if name.isdigit() else name for name in names]
     if not names:
         return ""
     return f"Explore: {' and '.join(names)} {'is' if len(names) == 1 else 'are'} hardly ever taken."

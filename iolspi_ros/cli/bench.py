@@ -17,7 +17,7 @@ from iolspi_ros.errors import check_choice
 if TYPE_CHECKING:
     from iolspi_ros.bench.rows import Row
 
-SUBJECTS = ("learner", "speed", "scale", "safety", "bridge", "public")
+SUBJECTS = ("learner", "speed", "scale", "safety", "bridge", "public", "interventions")
 
 
 @app.command(epilog="Example: iolspi bench speed --json out/speed.json")
@@ -25,14 +25,17 @@ def bench(
     subjects: Annotated[
         Optional[list[str]], typer.Argument(help=f"{', '.join(SUBJECTS)}; all by default.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Of `learner`, `safety` and `public`.")] = 20,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Of `learner`, `safety`, `public`, `interventions`.")
+    ] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
     plots: Annotated[Optional[Path], typer.Option(help="Folder for plots.")] = None,
 ) -> None:
     """Measure, and say which goals hold.
 
     On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
-    `scale` and `bridge` 10. `public` flies well-known environments (the extra gymnasium), an hour.
+    `scale` and `bridge` 10. `public` flies well-known environments (the extra gymnasium), an hour;
+    so does `interventions`, which has an expert take over from the learner.
     """
     from iolspi_ros import resources
     from iolspi_ros.bench import machine
@@ -65,6 +68,12 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
 
         with bar("safety [s of a core]", safety.total(seeds)) as show:
             return safety.rows(safety.measure(seeds, lambda done: show(round(done))))
+    if subject == "interventions":
+        from iolspi_ros.bench import interventions
+
+        total = sum(cell.seeds for cell in interventions.cells(seeds))
+        with bar("interventions [realisations]", total) as show:
+            return interventions.rows(interventions.measure(seeds, lambda n: show(round(n))))
     if subject == "speed":
         from iolspi_ros.bench import speed
 

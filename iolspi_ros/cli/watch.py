@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any, Optional
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Annotated, Optional
 
 import typer
 
@@ -15,9 +17,21 @@ PERIOD = 0.1
 LINES = 20
 
 
+STICK_PERIOD = 0.01
+"""Seconds between two looks at the keyboard."""
+
+
 @app.command(epilog="Example: ROS_DOMAIN_ID=42 iolspi watch")
 def watch(
     seconds: Annotated[Optional[float], typer.Option(help="How long; until Ctrl-C.")] = None,
+    stick: Annotated[
+        bool,
+        typer.Option(
+            "--stick",
+            help="Publish this keyboard as joy: arrows, numbers for actions, space to take over. A "
+            "terminal says nothing of a key let go: a tap holds for 0.7 s, and 0 lets go at once.",
+        ),
+    ] = False,
 ) -> None:
     """Look at a running graph in the terminal: vehicle, who acts, scores, learner, health.
 
@@ -29,33 +43,36 @@ def watch(
     from iolspi_ros import environment, runtime
     from msg_bridge.cockpit.board import Board
     from msg_bridge.cockpit.terminal import line_of, view_of
+    from msg_bridge.cockpit.terminal_stick import TerminalStick, key_by_key
     from msg_bridge.cockpit.watching import Watching
 
     environment.check()
     environment.keep_to_this_machine()
-    with runtime.session():
+    with ExitStack() as stack:
+        keys = stack.enter_context(key_by_key()) if stick else -1
+        stack.enter_context(runtime.session())
         node, board = rclpy.create_node("watch"), Board()
-        watching = Watching(node, board, lambda task: None)
+        stack.callback(node.destroy_node)
+        stack.callback(Watching(node, board, lambda task: None).close)
+        also, wait = (lambda: None), PERIOD / 2
+        if stick:
+            hands = TerminalStick(node, board, keys)
+            stack.callback(hands.close)
+            also, wait = hands.look, STICK_PERIOD
         loop = runtime.Loop(node)
         end = time.monotonic() + (float("inf") if seconds is None else seconds)
-        try:
-            if console.is_terminal:
-                with Live(console=console, auto_refresh=False, transient=True) as live:
-                    _every(loop, PERIOD, end, lambda: live.update(view_of(board), refresh=True))
-            else:
-                _every(loop, LINES * PERIOD, end, lambda: print(line_of(board), flush=True))
-        finally:
-            watching.close()
-            node.destroy_node()
 
+        def every(period: float, show: Callable[[], None]) -> None:
+            due = time.monotonic()
+            while time.monotonic() < end and runtime.ok():
+                if time.monotonic() >= due:
+                    show()
+                    due = time.monotonic() + period
+                loop.once(min(period, wait))
+                also()
 
-def _every(loop: Any, period: float, end: float, show: Any) -> None:
-    """Handle events, and show something every so many seconds."""
-    from iolspi_ros import runtime
-
-    due = time.monotonic()
-    while time.monotonic() < end and runtime.ok():
-        if time.monotonic() >= due:
-            show()
-            due = time.monotonic() + period
-        loop.once(min(period, 0.05))
+        if console.is_terminal:
+            live = stack.enter_context(Live(console=console, auto_refresh=False, transient=True))
+            every(PERIOD, lambda: live.update(view_of(board), refresh=True))
+        else:
+            every(LINES * PERIOD, lambda: print(line_of(board), flush=True))

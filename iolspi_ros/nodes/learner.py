@@ -24,9 +24,11 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.fleet import Fleet
+from iolspi_ros.nodes.help import Help
 from iolspi_ros.nodes.journal import Mark
 from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
+from iolspi_ros.nodes.unsure import HelpSettings
 from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
 from iolspi_ros.process import say
 from iolspi_ros.settings import Settings, setting
@@ -89,6 +91,7 @@ class LearnerNode(ManagedNode):
         super().__init__("learner", arguments)
         self._local = local
         self.settings = parameters.declare(self, NodeSettings)
+        self._help_settings = parameters.declare(self, HelpSettings)
         self._saving = Saving(self)
         self._class = learner_class(self.settings.learner)
         parameters.declare(self, self._class.Settings, self._class.changeable)
@@ -157,6 +160,7 @@ class LearnerNode(ManagedNode):
         if self.core is not None:
             self._loop.close()
             self._reports.close()
+            self._help.close()
             for subscription in self._subscriptions_of_demonstrations:
                 self.destroy_subscription(subscription)
         self.core, self._ready, self._conflict = None, False, ""
@@ -244,6 +248,7 @@ class LearnerNode(ManagedNode):
             self, task, self, s.vehicle_timeout, local=self._local, others=s.other_vehicles
         )
         self._reports = Reports(self, core)
+        self._help = Help(self, task, self._help_settings)
         if found is not None:
             self._resume(core, *found)
         self._subscriptions_of_demonstrations = [
@@ -364,7 +369,10 @@ class LearnerNode(ManagedNode):
         """Count the reward, and whether the answer explored; save now and then."""
         assert self.core is not None
         self._reports.answered(observation, source)
-        if self._solving is None and not self._again and self._saving.due():
+        if self._again:
+            return
+        self._help.answered(observation, source)
+        if self._solving is None and self._saving.due():
             self._saving.offer(self._snapshot(self.core), self._mark())
 
     def _update(self, core: Learner) -> None:
@@ -463,6 +471,7 @@ class LearnerNode(ManagedNode):
             self.get_logger().error(f"{text}; waiting for another demonstration")
             return
         self._publish_update(result)
+        self._help.known(self._demonstrations.transitions())
         self._ready = True
         if self._closing or self.core is None:
             return
@@ -558,6 +567,7 @@ class LearnerNode(ManagedNode):
             condition, worry = self._reports.condition()
             report.values |= condition
             report.worry(worry)
+            report.worry(self._help.reason)
             if loop.running and loop.pulse.silence > max(SILENCE, 5 * self.core.task.sampling_time):
                 report.worry(f"the vehicle has been silent for {loop.pulse.silence:.0f} s")
             if self._while_flying:

@@ -32,7 +32,11 @@ def view_of(board: Board) -> RenderableType:
     if task is None:
         return Text("waiting for a vehicle that says its task")
     parts: list[RenderableType] = [_head(board), Columns([_picture(board), _numbers(board)])]
+    if asks(board):
+        parts.append(Text("the learner asks for help: take over", style="bold red"))
     parts += [Text(line, style="yellow") for line in board.get("advice") or []]
+    if board.get("said"):
+        parts.append(Text(board.get("said")["text"], style="dim"))
     if board.get("health"):
         parts.append(_health(board.get("health")))
     return Group(*parts)
@@ -48,7 +52,14 @@ def line_of(board: Board) -> str:
         words.append(f"episode {now['episode']}, step {now['step']}: {now['who']}")
     if scores:
         words.append(f"last score {scores[-1][1]:.4g}")
+    if asks(board):
+        words.append("the learner asks for help")
     return "; ".join(words)
+
+
+def asks(board: Board) -> bool:
+    """Whether the learner asks for help."""
+    return bool((board.get("help") or {}).get("asks"))
 
 
 def _head(board: Board) -> Text:

@@ -132,7 +132,9 @@ class Watching:
         self._listen("score", Float64MultiArray, self._on_score, qos.REPORTS)
         self._listen("update", Float64MultiArray, self._on_update, qos.REPORTS)
         self._listen("weights", Float64MultiArray, self._on_weights, qos.REPORTS)
-        for topic, names in (("piloting", wire.PILOTING), ("takeover", wire.TAKEOVER)):
+        for topic, names in (
+            ("piloting", wire.PILOTING), ("takeover", wire.TAKEOVER), ("help", wire.HELP),
+        ):  # fmt: skip
             rows = wire.Rows(topic, names)
             self._listen(topic, Float64MultiArray, self._shower(topic, rows), qos.LATCHED)
         self._listen("advice", String, self._on_advice, qos.LATCHED)

@@ -50,7 +50,7 @@ window.cockpit = (() => {
     else if (part === "said") toast(content);
     else if (part === "advice") showAdvice();
     else if (part === "health") showHealth();
-    else if (part === "piloting" || part === "takeover") showPiloting();
+    else if (part === "piloting" || part === "takeover" || part === "help") showPiloting();
     else if (part in SLIDERS) showTuned(part, content);
     if (part === "scores") drawScores();
     if (part === "policy" || part === "visits") drawMaps();
@@ -230,10 +230,17 @@ window.cockpit = (() => {
     if (p && p.phase === 5) text += holding() ? "; space takes over" : "; take the stick to take over";
     if (p && p.phase === 4 && is.now && is.now.ended) text = `${is.now.ended}. ${text}`;
     if (held && p && p.phase === 5) text = "You have the vehicle; let go to hand it back";
+    const asks = is.help && is.help.asks > 0 && !(held && p && p.phase === 5);
+    if (asks) text = `${asking(is.help)}${text ? ` · ${text}` : ""}`;
+    $("piloting").classList.toggle("asks", Boolean(asks));
     $("piloting").textContent = text;
     $("verdicts").style.display = p && p.phase !== 5 ? "" : "none";
     markHeld();
   }
+
+  const asking = (h) => "The learner asks for help: " + (h.vetoes > h.unsure
+    ? `its shield vetoed ${Math.round(100 * h.vetoes)} % of the last steps`
+    : "it has hardly been where it is now");
 
   let marked = "";
   function markHeld() {
