@@ -22,12 +22,14 @@ from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.payload import Payload
 from msg_bridge.mavlink.phase_machine import Inputs, PhaseMachine
 from msg_bridge.mavlink.phases import Command, Decision, Enter, Phase, Show
+from msg_bridge.mavlink.plausibility import VehicleCheck
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.setpoints import AccelerationSetpoint, PositionSetpoint, Setpoint
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.status import AuthorityChange, Outputs, StatusReporter
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
+_CHECKED = (Phase.TRANSIT, Phase.EPISODE, Phase.RELEASE, Phase.BRAKE, Phase.RELOAD)
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
 
 
@@ -67,6 +69,7 @@ class Flight:
         self._machine = PhaseMachine(task, settings, stream_first=profile.stream_first)
         self._payload = Payload(task, link, profile, settings, self._estimator)
         self._guidance = Guidance(task, profile, settings, limits, self._estimator)
+        self._check = VehicleCheck()
         self._lock = threading.RLock()
         self._ruling = Ruling(Authority.NOBODY, "not begun")
         self._motion = Motion()
@@ -151,6 +154,9 @@ class Flight:
                 "envelope left": self._violations,
                 "envelope interventions": dict(self._guidance.interventions),
                 "packets rejected": self.link.codec.rejected,
+                "packets played back": self.link.codec.stale,
+                "packets not believed": dict(self.link.sources.others),
+                "datagrams unread": self.link.unread,
                 "other systems heard": dict(t.strangers),
             }
 
@@ -190,16 +196,16 @@ class Flight:
 
     # ------------------------------------------------------------ every tick
 
-    def listen(self, now: float) -> None:
-        """Take what has come."""
+    def listen(self, now: float, more: Callable[[], bool] = lambda: True) -> bool:
+        """Take what has come while there is time for `more`; whether that was all."""
         with self._lock:
-            self.link.poll(now)
+            return self.link.poll(now, more)
 
     def tick(self, now: float) -> None:
-        """Take what has come, decide, move on, and send a setpoint."""
+        """Decide, move on, and send a setpoint."""
         with self._lock:
-            self.link.poll(now)
             self._reporter.relay()
+            self._reporter.line(self.link)
             self._fly(now)
 
     def _fly(self, now: float) -> None:
@@ -207,6 +213,7 @@ class Flight:
         self._last = now
         self._machine.pass_time(dt, self._guidance.applied)
         self._motion = self._estimator.motion(now)
+        self._look(now)
         self._judge(now)
         self._tell_change(now)
         self._do(self._machine.step(self._inputs(now)), now)
@@ -215,8 +222,20 @@ class Flight:
             self._ruling.authority, self._machine.phase, self._motion, wanted=self._wanted(),
             target=self._machine.target, stick=self._pilot.stick or 0.0, dt=max(dt, 1e-3),
         )  # fmt: skip
+        if isinstance(wanted, AccelerationSetpoint):
+            self._check.ask(now, wanted.along, self._motion.speed)
+        else:
+            self._check.asked_nothing()
         if wanted is not None:
             self._send(wanted, now)
+
+    def _look(self, now: float) -> None:
+        """Let it be checked whether what was heard is possible, in the air and commanded by us."""
+        t = self.link.telemetry
+        if self._machine.phase in _CHECKED and self._ruling.authority is not Authority.OTHER:
+            self._check.see(t.boot, t.position, t.velocity)
+        else:
+            self._check.forget()
 
     def _judge(self, now: float) -> None:
         """Let it be decided who commands, and say so when that has changed."""
@@ -251,6 +270,8 @@ class Flight:
             lost=max(now - t.lost_time, 0.0),
             round_trip=t.round_trip,
             load_age=self._estimator.load_age(now) if hanging else 0.0,
+            load_doubt=self._estimator.load_doubt(now) if hanging else "",
+            impossible=self._check.impossible(),
             episode=in_episode,
             action_age=now - answered,
             unanswered=machine.unanswered,

@@ -32,6 +32,7 @@ from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+from msg_bridge.mavlink.signing import open_book
 from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
@@ -141,7 +142,8 @@ class Bridge(ManagedNode):
         log = Path(settings.log).expanduser() if settings.log else None
         telemetry = Telemetry(settings.system, settings.load_system)
         self._vehicle_clock = VehicleClock(flight.real_time_factor)
-        self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
+        book = None if key is None else open_book(key, resources.cache_folder())
+        self._link = AutopilotLink(open_url(settings.url), telemetry, key, log, book)
         kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
         self._preflight = Preflight(
             self._link, settings, flight, self._vehicle_clock, kept, self._found, runtime.ok

@@ -166,6 +166,8 @@ class PhaseMachine:
             self._tell("warning", "on the ground; activate the bridge again to fly on")
         elif authority in (Authority.HOLD, Authority.OTHER, Authority.PILOT):
             self._give_up(now)
+            if self.phase is Phase.TRANSIT and inputs.payload.gone:
+                self._enter(Phase.BRAKE, now)  # and from there to the next load
         elif (handle := self._handlers.get(self.phase)) is not None:
             handle(inputs)
         return self._taken()

@@ -118,6 +118,8 @@ class Telemetry:
         if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
             return
         boot, before = message.time_boot_ms * 1e-3, self.boot
+        if -1.0 < boot - before <= 0.0:
+            return  # the same once more, or one that was overtaken: no news
         self._watch_clock(boot, now)
         passed = boot - before
         if 0.0 < passed < 1.0:
