@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bench.flying import Flying
+from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.arbiter import Authority
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.plausibility import LoadCheck, VehicleCheck
@@ -221,6 +222,17 @@ def aside(metres):
         message.lon += round(metres / 0.0075)  # about, at this latitude
 
     return change
+
+
+def test_another_drone_is_not_flown_with_as_the_load(tmp_path):
+    with Flying(tmp_path, "px4") as f:
+        f.flight.land(f.clock.now(), "on the ground still")
+        f.until(lambda: not f.telemetry.armed)
+        f.flight.check()
+        tampered(f, "GLOBAL_POSITION_INT", 2, aside(37.0))
+        f.wait(0.5)
+        with pytest.raises(InputError, match=r"system 2 is 3\d\.\d m from the vehicle"):
+            f.flight.check()
 
 
 def above(message):

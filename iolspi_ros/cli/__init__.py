@@ -14,6 +14,7 @@ def main() -> int:
     prepare()
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
+        bridge,
         cockpit,
         demo,
         demos,

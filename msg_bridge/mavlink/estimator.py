@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.convert import Track
 from msg_bridge.mavlink.envelope import Motion
 from msg_bridge.mavlink.load import Fall, LoadObserver, swing
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 
 _FURTHEST = 0.5  # telemetry is carried on along its velocity for no longer than this [s]
 _DOUBTFUL = 0.2  # so long the load may be where it cannot be, as one late position has it [s]
+_APART = 1.0  # of the places of two receivers on the ground [m]
 _SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the cable
 
 
@@ -80,6 +82,22 @@ class StateEstimator:
         if not self.feed or self.fall is not None or now - self._believed < _DOUBTFUL:
             return ""
         return self._doubt
+
+    def check_feed(self) -> None:
+        """Refuse to take off with what is too far away to be the load.
+
+        Raises
+        ------
+        InputError
+            When it is.
+        """
+        distance = float(np.linalg.norm(self._telemetry.load_offset))
+        if self.feed and not self._telemetry.armed and distance > _APART + _SLACK * self._cable:
+            raise InputError(
+                f"system {self._telemetry.load_system} is {distance:.1f} m from the vehicle and "
+                f"cannot be its load on a cable of {self._cable:g} m; allowed: load_system with "
+                "the load's own number, cable, or load_source: estimate"
+            )
 
     def let_go(self, motion: Motion, rim: float) -> None:
         """The load is to fall from now on; `rim` is the plane of the basket below us [m]."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from msg_bridge.mavlink import setpoints
@@ -26,10 +27,13 @@ from msg_bridge.mavlink.plausibility import VehicleCheck
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.setpoints import AccelerationSetpoint, PositionSetpoint, Setpoint
 from msg_bridge.mavlink.settings import FlightSettings
+from msg_bridge.mavlink.settling import NOISE
 from msg_bridge.mavlink.status import AuthorityChange, Outputs, StatusReporter
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 _CHECKED = (Phase.TRANSIT, Phase.EPISODE, Phase.RELEASE, Phase.BRAKE, Phase.RELOAD)
+_BEATS = 3.0  # an autopilot with nothing but heartbeats was heard so lately [s]
+_NO_POSITION = 2.0  # without one, and between two times that messages are asked for again [s]
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
 
 
@@ -58,6 +62,13 @@ class Flight:
         outputs: Outputs,
     ) -> None:
         self.link, self.profile = link, profile
+        # What the learner may do leaves room for a bridge that dies at the worst moment.
+        limits = replace(
+            limits,
+            held=max(limits.held, profile.held),
+            leaning=max(limits.leaning, profile.leaning),
+            braking=min(limits.braking, profile.stopping),
+        )
         self.limits, self.timeouts = limits, timeouts
         self.rate = settings.rate
         self._outputs = outputs
@@ -75,7 +86,8 @@ class Flight:
         self._motion = Motion()
         self._pilot = SafetyPilot()
         self._violations = 0
-        self._last = 0.0
+        self._last = self._asked = 0.0
+        self._restarts = link.telemetry.restarts
         self._told = (Phase.IDLE, Authority.NOBODY)
         self._commands: dict[Command, Callable[[float], object]] = {
             Command.REQUEST_CONTROL: lambda _: link.ask_mode(profile, profile.controlled),
@@ -146,6 +158,8 @@ class Flight:
                 "phase": machine.phase.name.lower(),
                 "authority": self._ruling.authority.name.lower(),
                 "reason": self._ruling.reason,
+                "waiting for": machine.waits_for,
+                "noise at rest": dict(zip(NOISE, machine.settling.noise.round(3), strict=True)),
                 "autopilot": f"{self.profile.name}, {mode}, {'armed' if t.armed else 'disarmed'}",
                 "load": "reported by its own system" if self._estimator.feed else "estimated",
                 "round trip [s]": round(t.round_trip, 4),
@@ -161,6 +175,17 @@ class Flight:
             }
 
     # ------------------------------------------------------------ told from outside
+
+    def check(self) -> None:
+        """What only a flight can tell before it begins.
+
+        Raises
+        ------
+        InputError
+            Why it should not.
+        """
+        with self._lock:
+            self._estimator.check_feed()
 
     def reset(self, now: float, task: SlungLoad, settings: FlightSettings) -> None:
         """Count episodes and draw initial positions from the beginning."""
@@ -206,7 +231,19 @@ class Flight:
         with self._lock:
             self._reporter.relay()
             self._reporter.line(self.link)
+            self._ask_again(now)
             self._fly(now)
+
+    def _ask_again(self, now: float) -> None:
+        """Ask for messages once more of who is heard, but not with them: it was restarted."""
+        t = self.link.telemetry
+        if t.restarts > self._restarts:
+            self._restarts = t.restarts
+            self._outputs.say("warning", "the autopilot was restarted")
+        heard, asked = now - t.heard_time < _BEATS, now - self._asked
+        if heard and now - t.position_time > _NO_POSITION and asked > _NO_POSITION:
+            self._asked = now
+            self.link.ask_rates()
 
     def _fly(self, now: float) -> None:
         dt = now - self._last

@@ -29,6 +29,7 @@ from msg_bridge.mavlink.envelope import Limits
 from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
@@ -90,6 +91,8 @@ class Bridge(ManagedNode):
         self.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/fly", self._on_fly)
+        self.create_service(Trigger, "~/land", self._on_land)
         runtime.wall_timer(self, 0.05, self._look_after)
         runtime.wall_timer(self, 1.0, self._diagnose)
         _warm_up(self.task)
@@ -121,6 +124,8 @@ class Bridge(ManagedNode):
     def activate(self) -> None:
         """Take off and fly episodes."""
         assert self._flight is not None
+        if self._flight.phase is Phase.DOWN:
+            self._check_again()
         self._flight.begin(self._vehicle_clock.now())
 
     def deactivate(self) -> None:
@@ -154,10 +159,30 @@ class Bridge(ManagedNode):
             self._timeouts,
             Outputs(self._show, self._say, self._changed),
         )  # fmt: skip
+        self._flight.check()
         self._runner = Runner(self._flight, self._vehicle_clock, self._say)
         self._runner.start()
         self._check("result", "passed")
         self.get_logger().info("preflight passed: activate the bridge to fly")
+
+    def _check_again(self) -> None:
+        """The preflight once more: whoever is on the ground may have been restarted there."""
+        assert self._flight is not None
+        assert self._link is not None
+        if self._runner is not None:
+            self._runner.stop()
+        self._checklist = {"result": "not yet"}
+        try:
+            self._link.telemetry.forget()
+            self._preflight.run()
+            self._flight.check()
+            self._check("result", "passed")
+        except InputError as error:
+            self._check("result", f"failed: {error}")
+            raise
+        finally:
+            self._runner = Runner(self._flight, self._vehicle_clock, self._say)
+            self._runner.start()
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""
@@ -252,6 +277,29 @@ class Bridge(ManagedNode):
             return response
         self._flight.reset(self._vehicle_clock.now(), self.task, settings)
         response.success, response.message = True, f"seed {settings.seed}"
+        return response
+
+    def _on_fly(self, _: Any, response: Any) -> Any:
+        """Take off again, once it is down: what `activate` does, for who is active already."""
+        flight = self._flight
+        if flight is None or not self.active:
+            response.success, response.message = False, "not active; allowed: activate it first"
+        elif flight.in_flight:
+            response.success, response.message = False, f"in flight: {flight.phase.name.lower()}"
+        else:
+            try:
+                self.activate()
+                response.success, response.message = True, "checked; it takes off"
+            except InputError as error:
+                response.success, response.message = False, str(error)
+        return response
+
+    def _on_land(self, _: Any, response: Any) -> Any:
+        if self._flight is None or not self._flight.in_flight:
+            response.success, response.message = False, "not in flight"
+            return response
+        self._flight.land(self._vehicle_clock.now(), "a person has asked for it")
+        response.success, response.message = True, "it lands"
         return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:

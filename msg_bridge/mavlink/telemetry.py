@@ -100,6 +100,16 @@ class Telemetry:
             handle(self, message, now)
         return True
 
+    def forget(self) -> None:
+        """Take nothing for granted that was heard: the autopilot may have been restarted."""
+        self.autopilot, self.flags, self.lost_time = None, None, math.inf
+        self.mode, self.armed = -1, False
+        self.position_time = self.load_time = self.jump_time = NEVER
+        self.boot = self._skew = math.nan
+        self.round_trips.clear()
+        self.acks.clear()
+        self.parameters.clear()
+
     def texts_since(self, time: float) -> list[str]:
         """What the autopilot has told people since a time."""
         return [text for when, _, text in self.texts if when >= time]
