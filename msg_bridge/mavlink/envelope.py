@@ -178,6 +178,8 @@ def _stopping_bound(limits: Limits, room: float, speed: float) -> float:
     larger root is the bound.
     """
     tau, late, b = max(limits.response, limits.held), limits.leaning, limits.braking
+    if speed > 0.0 and 0.5 * speed * tau > room:  # it has to stand before τ is over
+        return _clip(limits, -0.5 * speed**2 / room) if room > 0.0 else -limits.acceleration
     square = tau**2 / (2.0 * b)
     linear = 0.5 * tau**2 + late * tau + speed * tau / b
     constant = speed * (tau + late) + speed**2 / (2.0 * b) - room
