@@ -77,11 +77,11 @@ class AutopilotLink:
         return self.telemetry.system, self.telemetry.component
 
     def close(self) -> None:
-        """Let the address go and close the log."""
+        """Let the address go, close the log, and write down which stamps were seen."""
         self._transport.close()
-        self.codec.close()
         if self._file is not None:
             self._file.close()
+        self.codec.close()
 
     def wait(self, seconds: float) -> None:
         """Return when something has come, or after so long [s]."""
