@@ -4,6 +4,7 @@ import math
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from conftest import spin_until
@@ -133,6 +134,36 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
     assert actor.change(Transition.TRANSITION_CLEANUP)
     assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 0
     assert nodes.end("bridge") == 0
+
+
+@pytest.mark.slow
+def test_a_restarted_autopilot_is_checked_and_flown_again_without_ros2(nodes, sitl, actor, capfd):
+    """By `iolspi manage bridge fly`; what it needs set is set again, and given back in the end."""
+    start(nodes, sitl, "-p", "autostart:=activate")
+    actor.commands(Authority.ACTOR)
+
+    def bridge(what):
+        command = [sys.executable, "-m", "iolspi_ros", "manage", "bridge", what]
+        run = subprocess.Popen(command, env=nodes.env, stdout=subprocess.PIPE,
+                               stderr=subprocess.STDOUT, text=True)  # fmt: skip
+        actor.until(lambda: run.poll() is not None)
+        return run.returncode, run.stdout.read()
+
+    status, said = bridge("fly")
+    assert (status, "in flight" in said) == (2, True), said
+    with sitl.lock:
+        autopilot = sitl.autopilot
+        autopilot.firmware = replace(autopilot.firmware, rates={"HEARTBEAT": 1.0})
+        autopilot.parameters["COM_OBL_RC_ACT"] = 0  # as if it had not been written down
+        autopilot.boot()
+    actor.until(lambda: actor.authority[-1]["phase"] == Phase.DOWN)
+    assert bridge("fly") == (0, "bridge: checked; it takes off\n")
+    assert autopilot.parameters["COM_OBL_RC_ACT"] == 5
+    actor.commands(Authority.ACTOR)
+    assert bridge("land")[0] == 0
+    actor.until(lambda: actor.authority[-1]["phase"] == Phase.DOWN)
+    assert nodes.end("bridge") == 0
+    assert autopilot.parameters["COM_OBL_RC_ACT"] == 0
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.envelope import Limits, Motion, limit, violation
 
-LIMITS = Limits()
+LIMITS = Limits(braking=2.0)
 DT = 0.02
 
 
@@ -53,7 +53,7 @@ def test_pumping_the_load_never_swings_it_beyond_its_angle():
     assert 0.6 * wide.swing < max(np.abs(angles)) < wide.swing
 
 
-FAST = Limits(jerk=1e4)
+FAST = Limits(jerk=1e4, braking=2.0)
 
 
 def flown(motion, wanted, limits=FAST):
@@ -82,13 +82,35 @@ def test_after_the_response_braking_still_ends_in_the_box(x, speed, wanted):
 @pytest.mark.parametrize("response", [0.2, 0.4])
 def test_towards_the_wall_it_brakes_the_sooner_the_slower_it_responds(side, response):
     """At 1.4 m/s with 1 m of room: v τ + a τ²/2 + (v + a τ)²/(2 b) = 1."""
-    limits = Limits(jerk=1e4, response=response, box=(-5.0, 5.0))
+    limits = Limits(jerk=1e4, response=response, box=(-5.0, 5.0), braking=2.0)
     x, v, b = side * (5.0 - 0.3 - 1.0), 1.4, limits.braking
     a = flown(Motion(x=x, speed=side * v), side * 3.0, limits).acceleration * side
     roots = np.roots([response**2 / (2 * b), 0.5 * response**2 + response * v / b,
                       response * v + v**2 / (2 * b) - 1.0])  # fmt: skip
     assert a == pytest.approx(max(roots), abs=1e-9)
     assert -3.0 < a < 3.0
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-4.0, 2.7), st.floats(-3.0, 3.0), st.sampled_from([-3.0, 3.0]),
+       st.floats(0.4, 1.0), st.floats(0.0, 1.0), st.floats(1.0, 5.0))  # fmt: skip
+def test_held_then_braked_late_it_stands_before_the_wall(x, speed, wanted, held, late, braking):
+    """By small steps: the acceleration is held, then nothing for a while, then it brakes."""
+    limits = Limits(jerk=1e4, held=held, leaning=late, braking=braking)
+    side = math.copysign(1.0, wanted)
+    limited = flown(Motion(x=x, speed=speed), wanted, limits)
+    if side * limited.acceleration < -2.999:
+        return  # too late already: as much as there is
+    place, v, h = x, speed, 1e-3
+    for k in range(20_000):
+        t = k * h
+        a = limited.acceleration if t < held else 0.0 if t < held + late else -side * braking
+        if t >= held and side * v <= 0.0:
+            break
+        place += v * h + 0.5 * a * h**2
+        v += a * h
+    end = limits.box[1] - 0.3 if side > 0.0 else limits.box[0] + 0.3
+    assert side * place <= side * end + 0.02
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

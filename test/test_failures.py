@@ -146,14 +146,19 @@ def test_bridge_killed(tmp_path, like):
 
 @pytest.mark.parametrize("like", LIKES)
 def test_autopilot_restarted(tmp_path, like):
+    """It comes back with heartbeats alone, as real ones do: messages are asked for again."""
     with Flying(tmp_path, like) as f:
         f.in_episode()
+        firmware = f.autopilot.firmware
+        f.autopilot.firmware = replace(firmware, rates={"HEARTBEAT": 1.0})
         f.autopilot.boot()
         f.until(lambda: f.flight.phase is Phase.DOWN)
         since = f.clock.now()
-        assert f.heard("activate the bridge again")
-        f.wait(3.0)
+        assert f.heard("activate the bridge again to fly on: iolspi manage bridge fly")
+        f.until(lambda: f.telemetry.position_time > since)
+        f.wait(2.0)
         assert not f.setpoints(since + 0.1)
+        assert f.heard("the autopilot was restarted")
         f.flight.begin(f.clock.now())
         f.episodes(1)
 

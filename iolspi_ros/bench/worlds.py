@@ -149,6 +149,7 @@ class MemoryTransport:
     """Datagrams to an autopilot in the same process; waiting lets time pass."""
 
     datagrams = True
+    source, trouble = "memory", ""
 
     def __init__(self, world: Stepped, connection: Connection) -> None:
         self._world, self._connection = world, connection
@@ -169,7 +170,7 @@ class MemoryTransport:
         self._world.autopilot.receive(self._connection, data)
         return True
 
-    def keep(self) -> None:
+    def answer(self, source: str) -> None:
         """Nothing to choose."""
 
     def close(self) -> None:

@@ -81,6 +81,10 @@ class Situation(NamedTuple):
         To the autopilot and back.
     load_age : float
         Since the load was heard of; zero when its swing is estimated.
+    load_doubt : str
+        Why what is heard of cannot be the load; empty when it can.
+    impossible : str
+        Why the vehicle cannot be as it says; empty when it can.
     episode : bool
         One is running.
     action_age : float
@@ -104,6 +108,8 @@ class Situation(NamedTuple):
     lost: float = 0.0
     round_trip: float = 0.0
     load_age: float = 0.0
+    load_doubt: str = ""
+    impossible: str = ""
     episode: bool = False
     action_age: float = 0.0
     unanswered: float = 0.0
@@ -135,6 +141,8 @@ def arbitrate(s: Situation, timeouts: Timeouts) -> Ruling:
         return Ruling(Authority.HOLD, f"no position for {timeouts.telemetry_timeout:g} s")
     if s.pilot:
         return Ruling(Authority.PILOT, "a person has taken over")
+    if s.impossible:
+        return Ruling(Authority.LAND, f"what the autopilot says cannot be: {s.impossible}")
     if s.violation:
         return Ruling(Authority.HOLD, f"envelope: {s.violation}")
     if s.jumped:
@@ -149,6 +157,8 @@ def arbitrate(s: Situation, timeouts: Timeouts) -> Ruling:
         return Ruling(Authority.HOLD, "the deadman's button was let go")
     if s.load_age > timeouts.load_timeout:
         return Ruling(Authority.HOLD, f"the load is not heard for {timeouts.load_timeout:g} s")
+    if s.load_doubt:
+        return Ruling(Authority.HOLD, f"what is heard of cannot be the load: {s.load_doubt}")
     if s.unanswered > timeouts.land_after:
         return Ruling(Authority.LAND, f"nobody has answered for {timeouts.land_after:g} s")
     if not s.episode:

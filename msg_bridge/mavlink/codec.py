@@ -11,27 +11,32 @@ from typing import Any, BinaryIO
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from iolspi_ros.errors import InputError
+from msg_bridge.mavlink.signing import StampBook, Stream
 
 KEY_SIZE = 32  # of a signing key [bytes] (MAVLink 2, packet signing)
-_EPOCH = 1_420_070_400  # 2015-01-01 in Unix time: where signing counts its 10 µs from
 _MICRO = 1_000_000
 
 
 class _Parser(dialect.MAVLink):  # type: ignore[misc]
-    """pymavlink's parser, but a forged packet cannot move a stream's time stamp."""
+    """pymavlink's parser, with stamps from a book that outlives it."""
+
+    book = StampBook()
+    stale = 0
 
     def check_signature(self, packet: bytearray, system: int, component: int) -> bool:
         """Whether a packet is signed with our key and newer than those before it."""
-        stream = (packet[-13], system, component)
-        before = self.signing.stream_timestamps.get(stream)
-        good = bool(super().check_signature(packet, system, component))
-        if not good:
-            # The library keeps the stamp of any packet; one from the future would lock all out.
-            if before is None:
-                self.signing.stream_timestamps.pop(stream, None)
-            else:
-                self.signing.stream_timestamps[stream] = before
-        return good
+        stream = Stream(packet[-13], system, component)
+        stamp = int.from_bytes(packet[-12:-6], "little")
+        if not self.book.fresh(stream, stamp):
+            self.stale += 1
+            return False
+        # The library keeps the stamp of any packet, also of a forged one: it begins anew each time.
+        self.signing.stream_timestamps.clear()
+        self.signing.timestamp = 0
+        if not super().check_signature(packet, system, component):
+            return False
+        self.book.take(stream, stamp)
+        return True
 
 
 class Codec:
@@ -45,24 +50,43 @@ class Codec:
         Of 32 bytes: sign what goes out, and drop what comes unsigned or wrongly signed.
     log : BinaryIO, optional
         A .tlog: each packet behind its time, eight bytes of microseconds since 1970, big-endian.
+    book : StampBook, optional
+        Of the key's stamps, for all links that have it; one of its own by default.
     """
 
     def __init__(
-        self, system: int, component: int, key: bytes | None = None, log: BinaryIO | None = None
+        self,
+        system: int,
+        component: int,
+        key: bytes | None = None,
+        log: BinaryIO | None = None,
+        book: StampBook | None = None,
     ) -> None:
         self._parser = _Parser(None, srcSystem=system, srcComponent=component)
         self._parser.robust_parsing = True
         self._log = log
+        self._book = self._parser.book = StampBook() if book is None else book
+        self._us = Stream(0, system, component)
         if key is not None:
             signing = self._parser.signing
             signing.secret_key, signing.sign_outgoing = key, True
-            signing.timestamp = int((time.time() - _EPOCH) * 100_000)
         self.received = 0
         self.rejected = 0
         """Broken, unsigned or wrongly signed packets, and bytes that are none."""
 
+    @property
+    def stale(self) -> int:
+        """Packets that were played back, or came very late."""
+        return self._parser.stale
+
+    def close(self) -> None:
+        """Write down which stamps were seen."""
+        self._book.save()
+
     def pack(self, message: Any) -> bytes:
         """Packet of a message."""
+        if self._parser.signing.sign_outgoing:
+            self._parser.signing.timestamp = self._book.next(self._us)
         data = bytes(message.pack(self._parser))
         self._parser.seq = (self._parser.seq + 1) % 256
         self._keep(data)

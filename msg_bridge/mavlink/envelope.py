@@ -59,12 +59,22 @@ class Limits(Settings):
     heights: tuple[float, ...] = setting((2.0, 9.0), "least and greatest height [m]")
     speed: float = setting(6.0, "greatest speed along the track [m/s]", low=0.1, high=50.0)
     acceleration: float = setting(3.0, "greatest acceleration [m/s^2]", low=0.1, high=20.0)
-    braking: float = setting(2.0, "deceleration counted on at the box [m/s^2]", low=0.1, high=20.0)
+    braking: float = setting(
+        5.0, "deceleration counted on at the box [m/s^2], where the autopilot has no less",
+        low=0.1, high=20.0,
+    )  # fmt: skip
     tilt: float = setting(0.8, "greatest tilt [rad]", low=0.05, high=1.5)
     swing: float = setting(1.45, "greatest angle of the cable [rad]", low=0.05, high=1.57)
     jerk: float = setting(80.0, "greatest change of acceleration [m/s^3]", low=1.0, high=1e4)
     response: float = setting(
         0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
+    )
+    held: float = setting(
+        0.0, "how long the last acceleration goes on when setpoints stop [s], if that is longer "
+        "than what is known of the autopilot", low=0.0, high=10.0,
+    )  # fmt: skip
+    leaning: float = setting(
+        0.0, "how long braking takes to begin then [s], if that is longer", low=0.0, high=10.0
     )
     cable: float = setting(SlungLoad.length, "length of the cable [m]", low=0.05, high=100.0)
 
@@ -152,7 +162,7 @@ def _speed_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
 
 
 def _box_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
-    """So that after the response time braking still ends inside the box."""
+    """So that the vehicle comes to rest inside the box, whoever stops sending, and when."""
     low, high = limits.box
     upper = _stopping_bound(limits, high - _ROOM - motion.x, motion.speed)
     lower = -_stopping_bound(limits, motion.x - low - _ROOM, -motion.speed)
@@ -162,16 +172,32 @@ def _box_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
 def _stopping_bound(limits: Limits, room: float, speed: float) -> float:
     """Greatest acceleration towards a wall `room` ahead, approached with `speed`.
 
-    With v' = v + a τ and x' = v τ + a τ²/2, it must hold that x' + v'²/(2 b) <= room: a quadratic
-    in a, whose larger root is the bound.
+    It is held for τ, the response time or as long as the autopilot holds it when setpoints stop;
+    then the vehicle leans back within T, and brakes with b. With v' = v + a τ and
+    x' = v τ + a τ²/2, it must hold that x' + T v' + v'²/(2 b) <= room: a quadratic in a, whose
+    larger root is the bound.
     """
-    tau, b = limits.response, limits.braking
-    half = speed * tau + 0.5 * b * tau**2
-    constant = speed**2 + 2.0 * b * (speed * tau - room)
-    discriminant = half**2 - tau**2 * constant
+    tau, late, b = max(limits.response, limits.held), limits.leaning, limits.braking
+    if speed > 0.0 and 0.5 * speed * tau > room:  # it has to stand before τ is over
+        return _clip(limits, -0.5 * speed**2 / room) if room > 0.0 else -limits.acceleration
+    square = tau**2 / (2.0 * b)
+    linear = 0.5 * tau**2 + late * tau + speed * tau / b
+    constant = speed * (tau + late) + speed**2 / (2.0 * b) - room
+    discriminant = linear**2 - 4.0 * square * constant
     if discriminant < 0.0:
         return -limits.acceleration
-    return _clip(limits, (-half + math.sqrt(discriminant)) / tau**2)
+    return _clip(limits, (-linear + math.sqrt(discriminant)) / (2.0 * square))
+
+
+def stick_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+    """Least and greatest velocity [m/s] from which the vehicle comes to rest inside the box."""
+    low, high = limits.box
+    way, b = max(limits.response, limits.held) + limits.leaning, limits.braking
+
+    def towards(room: float) -> float:  # v (τ + T) + v²/(2 b) = room
+        return -b * way + math.sqrt((b * way) ** 2 + 2.0 * b * max(room, 0.0))
+
+    return -towards(motion.x - low - _ROOM), towards(high - _ROOM - motion.x)
 
 
 def _swing_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:

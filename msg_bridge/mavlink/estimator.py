@@ -7,14 +7,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.convert import Track
 from msg_bridge.mavlink.envelope import Motion
 from msg_bridge.mavlink.load import Fall, LoadObserver, swing
+from msg_bridge.mavlink.plausibility import LoadCheck
 from msg_bridge.mavlink.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 
 _FURTHEST = 0.5  # telemetry is carried on along its velocity for no longer than this [s]
+_DOUBTFUL = 0.2  # so long the load may be where it cannot be, as one late position has it [s]
+_APART = 1.0  # of the places of two receivers on the ground [m]
 _SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the cable
 
 
@@ -38,6 +42,8 @@ class StateEstimator:
         self.fall: Fall | None = None
         """Of a load that was let go; None while it hangs."""
         self._ground = 0.0
+        self._check = LoadCheck(cable)
+        self._believed, self._doubt = -math.inf, ""
         telemetry.on_position, telemetry.on_load = self._moved, self._load_seen
 
     def stand(self) -> None:
@@ -71,6 +77,28 @@ class StateEstimator:
         """Since the load was heard of [s]; zero when nobody has to be heard."""
         return now - self._telemetry.load_time if self.feed and self.fall is None else 0.0
 
+    def load_doubt(self, now: float) -> str:
+        """Why what is heard of cannot be the load, for a while now; empty when it may be."""
+        if not self.feed or self.fall is not None or now - self._believed < _DOUBTFUL:
+            return ""
+        return self._doubt
+
+    def check_feed(self) -> None:
+        """Refuse to take off with what is too far away to be the load.
+
+        Raises
+        ------
+        InputError
+            When it is.
+        """
+        distance = float(np.linalg.norm(self._telemetry.load_offset))
+        if self.feed and not self._telemetry.armed and distance > _APART + _SLACK * self._cable:
+            raise InputError(
+                f"system {self._telemetry.load_system} is {distance:.1f} m from the vehicle and "
+                f"cannot be its load on a cable of {self._cable:g} m; allowed: load_system with "
+                "the load's own number, cable, or load_source: estimate"
+            )
+
     def let_go(self, motion: Motion, rim: float) -> None:
         """The load is to fall from now on; `rim` is the plane of the basket below us [m]."""
         self.fall = Fall(motion.height - rim)
@@ -84,6 +112,11 @@ class StateEstimator:
         if not self.feed:
             return True
         return float(np.linalg.norm(self._telemetry.load_offset)) < _SLACK * self._cable
+
+    def away(self) -> bool:
+        """Whether the load was last seen where no cable holds it."""
+        distance = float(np.linalg.norm(self._telemetry.load_offset))
+        return self.feed and distance >= _SLACK * self._cable
 
     def loaded(self) -> None:
         """A load hangs on the cable again, at rest."""
@@ -102,7 +135,10 @@ class StateEstimator:
         t = self._telemetry
         offset = self._track.here(t.load_offset)
         if self.fall is None:
-            self.load.measure(swing(offset))
+            self._doubt = self._check.see(t.load_time, offset)
+            if not self._doubt:
+                self._believed = t.load_time
+                self.load.measure(swing(offset))
             return
         # The feed and the vehicle are of the same moment here: the offset was made so.
         place = self._track.place_here(t.position + t.velocity * (t.load_time - t.position_time))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from msg_bridge.mavlink import setpoints
@@ -22,12 +23,17 @@ from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.payload import Payload
 from msg_bridge.mavlink.phase_machine import Inputs, PhaseMachine
 from msg_bridge.mavlink.phases import Command, Decision, Enter, Phase, Show
+from msg_bridge.mavlink.plausibility import VehicleCheck
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.setpoints import AccelerationSetpoint, PositionSetpoint, Setpoint
 from msg_bridge.mavlink.settings import FlightSettings
+from msg_bridge.mavlink.settling import NOISE
 from msg_bridge.mavlink.status import AuthorityChange, Outputs, StatusReporter
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
+_CHECKED = (Phase.TRANSIT, Phase.EPISODE, Phase.RELEASE, Phase.BRAKE, Phase.RELOAD)
+_BEATS = 3.0  # an autopilot with nothing but heartbeats was heard so lately [s]
+_NO_POSITION = 2.0  # without one, and between two times that messages are asked for again [s]
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
 
 
@@ -59,6 +65,13 @@ class Flight:
         release_output: int | None = None,
     ) -> None:
         self.link, self.profile = link, profile
+        # What the learner may do leaves room for a bridge that dies at the worst moment.
+        limits = replace(
+            limits,
+            held=max(limits.held, profile.held),
+            leaning=max(limits.leaning, profile.leaning),
+            braking=min(limits.braking, profile.stopping),
+        )
         self.limits, self.timeouts = limits, timeouts
         self.rate = settings.rate
         self._outputs = outputs
@@ -70,12 +83,14 @@ class Flight:
         self._machine = PhaseMachine(task, settings, stream_first=profile.stream_first)
         self._payload = Payload(task, link, profile, settings, self._estimator, release_output)
         self._guidance = Guidance(task, profile, settings, limits, self._estimator)
+        self._check = VehicleCheck()
         self._lock = threading.RLock()
         self._ruling = Ruling(Authority.NOBODY, "not begun")
         self._motion = Motion()
         self._pilot = SafetyPilot()
         self._violations = 0
-        self._last = 0.0
+        self._last = self._asked = 0.0
+        self._restarts = link.telemetry.restarts
         self._told = (Phase.IDLE, Authority.NOBODY)
         self._commands: dict[Command, Callable[[float], object]] = {
             Command.REQUEST_CONTROL: lambda _: link.ask_mode(profile, profile.controlled),
@@ -146,6 +161,8 @@ class Flight:
                 "phase": machine.phase.name.lower(),
                 "authority": self._ruling.authority.name.lower(),
                 "reason": self._ruling.reason,
+                "waiting for": machine.waits_for,
+                "noise at rest": dict(zip(NOISE, machine.settling.noise.round(3), strict=True)),
                 "autopilot": f"{self.profile.name}, {mode}, {'armed' if t.armed else 'disarmed'}",
                 "load": "reported by its own system" if self._estimator.feed else "estimated",
                 "round trip [s]": round(t.round_trip, 4),
@@ -155,10 +172,24 @@ class Flight:
                 "envelope left": self._violations,
                 "envelope interventions": dict(self._guidance.interventions),
                 "packets rejected": self.link.codec.rejected,
+                "packets played back": self.link.codec.stale,
+                "packets not believed": dict(self.link.sources.others),
+                "datagrams unread": self.link.unread,
                 "other systems heard": dict(t.strangers),
             }
 
     # ------------------------------------------------------------ told from outside
+
+    def check(self) -> None:
+        """What only a flight can tell before it begins.
+
+        Raises
+        ------
+        InputError
+            Why it should not.
+        """
+        with self._lock:
+            self._estimator.check_feed()
 
     def reset(self, now: float, task: SlungLoad, settings: FlightSettings) -> None:
         """Count episodes and draw initial positions from the beginning."""
@@ -194,23 +225,36 @@ class Flight:
 
     # ------------------------------------------------------------ every tick
 
-    def listen(self, now: float) -> None:
-        """Take what has come."""
+    def listen(self, now: float, more: Callable[[], bool] = lambda: True) -> bool:
+        """Take what has come while there is time for `more`; whether that was all."""
         with self._lock:
-            self.link.poll(now)
+            return self.link.poll(now, more)
 
     def tick(self, now: float) -> None:
-        """Take what has come, decide, move on, and send a setpoint."""
+        """Decide, move on, and send a setpoint."""
         with self._lock:
-            self.link.poll(now)
             self._reporter.relay()
+            self._reporter.line(self.link)
+            self._ask_again(now)
             self._fly(now)
+
+    def _ask_again(self, now: float) -> None:
+        """Ask for messages once more of who is heard, but not with them: it was restarted."""
+        t = self.link.telemetry
+        if t.restarts > self._restarts:
+            self._restarts = t.restarts
+            self._outputs.say("warning", "the autopilot was restarted")
+        heard, asked = now - t.heard_time < _BEATS, now - self._asked
+        if heard and now - t.position_time > _NO_POSITION and asked > _NO_POSITION:
+            self._asked = now
+            self.link.ask_rates(self.profile)
 
     def _fly(self, now: float) -> None:
         dt = now - self._last
         self._last = now
         self._machine.pass_time(dt, self._guidance.applied)
         self._motion = self._estimator.motion(now)
+        self._look(now)
         self._judge(now)
         self._tell_change(now)
         self._do(self._machine.step(self._inputs(now)), now)
@@ -219,8 +263,20 @@ class Flight:
             self._ruling.authority, self._machine.phase, self._motion, wanted=self._wanted(),
             target=self._machine.target, stick=self._pilot.stick or 0.0, dt=max(dt, 1e-3),
         )  # fmt: skip
+        if isinstance(wanted, AccelerationSetpoint):
+            self._check.ask(now, wanted.along, self._motion.speed)
+        else:
+            self._check.asked_nothing()
         if wanted is not None:
             self._send(wanted, now)
+
+    def _look(self, now: float) -> None:
+        """Let it be checked whether what was heard is possible, in the air and commanded by us."""
+        t = self.link.telemetry
+        if self._machine.phase in _CHECKED and self._ruling.authority is not Authority.OTHER:
+            self._check.see(t.boot, t.position, t.velocity)
+        else:
+            self._check.forget()
 
     def _judge(self, now: float) -> None:
         """Let it be decided who commands, and say so when that has changed."""
@@ -255,6 +311,8 @@ class Flight:
             lost=max(now - t.lost_time, 0.0),
             round_trip=t.round_trip,
             load_age=self._estimator.load_age(now) if hanging else 0.0,
+            load_doubt=self._estimator.load_doubt(now) if hanging else "",
+            impossible=self._check.impossible(),
             episode=in_episode,
             action_age=now - answered,
             unanswered=machine.unanswered,

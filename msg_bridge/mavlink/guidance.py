@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
 
 from msg_bridge.mavlink.arbiter import Authority
-from msg_bridge.mavlink.envelope import Limits, Motion, limit
+from msg_bridge.mavlink.envelope import Limits, Motion, limit, stick_bounds
 from msg_bridge.mavlink.estimator import StateEstimator
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import AutopilotProfile
@@ -20,6 +21,7 @@ from msg_bridge.mavlink.setpoints import (
 )
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.transit import Transit, across, upwards
+from sim_nodes.tasks.base import G
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 _SLOW = 0.3  # below this it is told where to stay, above it to stop [m/s]
@@ -52,7 +54,7 @@ class Guidance:
         self._transit = Transit(limits.cable, limits.response)
         self._integral = Integral()
         self._anchor: tuple[float, float, float] | None = None
-        self._before = 0.0
+        self._before, self._resting = 0.0, False
         self.applied = task.description.neutral
         """The action that comes nearest to the acceleration in force."""
         self.interventions: Counter[str] = Counter()
@@ -60,6 +62,7 @@ class Guidance:
     def begin(self) -> None:
         """A phase begins: nothing of the one before is kept but the acceleration in force."""
         self._anchor = None
+        self._resting = False
         self._integral.forget()
 
     def rest(self) -> None:
@@ -95,17 +98,37 @@ class Guidance:
             return None
         if authority is Authority.PILOT:
             self._anchor = None
-            return VelocitySetpoint(stick * _STICK_SPEED, *self._back(motion))
+            slow, fast = stick_bounds(self._limits, motion)
+            speed = max(slow, min(stick * _STICK_SPEED, fast))
+            return VelocitySetpoint(speed, *self._back(motion))
         if authority is Authority.OTHER:
             self._anchor = None  # so that it stays where it is when it is given back
             return self._hold(motion) if self._profile.stream_first else None
         if authority in (Authority.ACTOR, Authority.NEUTRAL):
             return self._push(wanted if authority is Authority.ACTOR else 0.0, motion, dt)
         if authority is Authority.BRIDGE and phase is Phase.TRANSIT:
+            if self._rests(target, motion):
+                return PositionSetpoint(target, 0.0, self._settings.height)
             return self._push(self._transit.along(target, motion, dt), motion, dt)
         if authority is Authority.BRIDGE and phase in (Phase.ARMING, Phase.TAKEOFF):
             return self._start(phase)
         return self._hold(motion)
+
+    def _rests(self, target: float, m: Motion) -> bool:
+        """Whether the autopilot's own position hold does the rest of the way.
+
+        Accelerations from a noisy estimate would stir up again what is nearly at rest.
+        """
+        away, pull = abs(m.x - target), G / self._limits.cable
+        swing = math.hypot(m.swing, m.swing_rate / math.sqrt(pull))  # its amplitude
+        if self._resting:
+            self._resting = away < 1.2 and swing < 0.3
+        else:
+            self._resting = away < 0.5 and abs(m.speed) < 0.4 and swing < 0.15
+        if self._resting:
+            self._before = 0.0
+            self._integral.forget()
+        return self._resting
 
     def _start(self, phase: Phase) -> Setpoint | None:
         """Where to stay before take-off, and where to climb to, without a take-off by command."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from msg_bridge.mavlink.codec import Codec
 from msg_bridge.mavlink.profiles import AutopilotProfile
+from msg_bridge.mavlink.signing import StampBook
+from msg_bridge.mavlink.sources import Sources
 from msg_bridge.mavlink.telemetry import Telemetry, parameter_raw
 from msg_bridge.mavlink.transport import Transport
 
@@ -29,6 +32,9 @@ _ESTIMATOR_RATE = 5.0  # [Hz]
 
 _BEAT = 1.0  # between our heartbeats [s]
 _SYNC = 0.5  # between two measurements of the round trip [s]
+_MOST = 1000  # reads at once
+_STRANGE = 20_000.0  # of strangers is looked into, while those who matter are known [bytes/s]
+_BURST = 8192.0  # [bytes]
 
 
 def rates(profile: AutopilotProfile) -> dict[int, float]:
@@ -47,6 +53,8 @@ class AutopilotLink:
         Sign, and take nothing unsigned.
     log : Path, optional
         A .tlog of all that is said.
+    book : StampBook, optional
+        Of the key's stamps.
     """
 
     def __init__(
@@ -55,10 +63,15 @@ class AutopilotLink:
         telemetry: Telemetry,
         key: bytes | None = None,
         log: Path | None = None,
+        book: StampBook | None = None,
     ) -> None:
         self._transport, self.telemetry = transport, telemetry
         self._file = None if log is None else log.open("wb")
-        self.codec = Codec(SYSTEM, COMPONENT, key, self._file)
+        self.codec = Codec(SYSTEM, COMPONENT, key, self._file, book)
+        self.sources = Sources()
+        self.unread = 0
+        """Datagrams of strangers that were not even looked into."""
+        self._allowance, self._allowed = _BURST, 0.0
         self._lock = threading.Lock()
         self._beat = self._sync = -_BEAT
         self.sent = 0
@@ -69,28 +82,79 @@ class AutopilotLink:
         return self.telemetry.system, self.telemetry.component
 
     def close(self) -> None:
-        """Let the address go and close the log."""
+        """Let the address go, close the log, and write down which stamps were seen."""
         self._transport.close()
         if self._file is not None:
             self._file.close()
+        self.codec.close()
 
     def wait(self, seconds: float) -> None:
         """Return when something has come, or after so long [s]."""
         self._transport.wait(seconds)
 
-    def poll(self, now: float) -> None:
-        """Take all that has come, and say that we are here."""
-        for _ in range(1000):  # who floods us must not keep us from sending
+    @property
+    def trouble(self) -> str:
+        """Why nothing can come or go now, for people; empty when it can."""
+        return self._transport.trouble
+
+    def poll(self, now: float, more: Callable[[], bool] = lambda: True) -> bool:
+        """Take what has come, and say that we are here.
+
+        Parameters
+        ----------
+        now : float
+            Vehicle time [s].
+        more : callable
+            False when there is no time to take more.
+
+        Returns
+        -------
+        bool
+            Whether that was all.
+        """
+        done = False
+        for _ in range(_MOST):
             data = self._transport.read()
-            if not data:
+            done = not data
+            if done:
                 break
-            ours = False
-            with self._lock:
-                messages = list(self.codec.read(data, whole=self._transport.datagrams))
-            for message in messages:
-                ours |= self.telemetry.take(message, now)
-            if ours:
-                self._transport.keep()
+            self._take(data, now)
+            if not more():
+                break
+        self._greet(now)
+        return done
+
+    def _take(self, data: bytes, now: float) -> None:
+        source, t = self._transport.source, self.telemetry
+        if self._too_strange(source, len(data), now):
+            self.unread += 1
+            return
+        with self._lock:
+            messages = list(self.codec.read(data, whole=self._transport.datagrams))
+        for message in messages:
+            system = message.get_srcSystem()
+            if system in (t.system, t.load_system):
+                begins = system != t.system or _is_autopilot(message, t)
+                if not self.sources.admit(system, source, now, begins=begins):
+                    continue
+            t.take(message, now)
+        vehicle = self.sources.of(t.system)
+        if vehicle is not None:
+            self._transport.answer(vehicle)
+
+    def _too_strange(self, source: str, size: int, now: float) -> bool:
+        """Whether a stranger takes more time than there is for strangers."""
+        if not self._transport.datagrams or self.sources.known(source):
+            return False
+        passed, self._allowed = now - self._allowed, now
+        self._allowance = min(self._allowance + passed * _STRANGE, _BURST) - size
+        if self.sources.of(self.telemetry.system) is None or self._allowance >= 0.0:
+            return False
+        self._allowance += size
+        return True
+
+    def _greet(self, now: float) -> None:
+        """Say that we are here, and measure the way there and back."""
         if now - self._beat >= _BEAT:
             self._beat = now
             self.send(
@@ -155,3 +219,12 @@ class AutopilotLink:
                 *self.target, name.encode("ascii"), parameter_raw(profile, value, kind), kind
             )
         )
+
+
+def _is_autopilot(message: Any, telemetry: Telemetry) -> bool:
+    """Whether a message is an autopilot's own heartbeat: no camera's and no ground station's."""
+    return bool(
+        message.get_type() == "HEARTBEAT"
+        and message.get_srcComponent() == telemetry.component
+        and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+    )

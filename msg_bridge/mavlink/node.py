@@ -19,6 +19,7 @@ from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import Autostart, ManagedNode
 from iolspi_ros.process import say
+from iolspi_ros.resources import cache_folder
 from iolspi_ros.settings import Settings, replaced, setting
 from iolspi_ros.vehicle_topics import VehicleTopics
 from msg_bridge.mavlink.arbiter import Authority, Timeouts
@@ -29,9 +30,11 @@ from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.memory import Memory
+from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
+from msg_bridge.mavlink.signing import open_book
 from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
@@ -90,6 +93,8 @@ class Bridge(ManagedNode):
         self.create_subscription(Joy, "joy", self._on_joy, qos.CONTROL)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/fly", self._on_fly)
+        self.create_service(Trigger, "~/land", self._on_land)
         runtime.wall_timer(self, 0.05, self._look_after)
         runtime.wall_timer(self, 1.0, self._diagnose)
         _warm_up(self.task)
@@ -119,6 +124,8 @@ class Bridge(ManagedNode):
     def activate(self) -> None:
         """Take off and fly episodes."""
         assert self._flight is not None
+        if self._flight.phase is Phase.DOWN:
+            self._check_again()
         self._flight.begin(self._vehicle_clock.now())
 
     def deactivate(self) -> None:
@@ -140,7 +147,8 @@ class Bridge(ManagedNode):
         log = Path(settings.log).expanduser() if settings.log else None
         telemetry = Telemetry(settings.system, settings.load_system)
         self._vehicle_clock = VehicleClock(flight.real_time_factor)
-        self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
+        book = None if key is None else open_book(key, cache_folder())
+        self._link = AutopilotLink(open_url(settings.url), telemetry, key, log, book)
         self._preflight = Preflight(
             self._link, settings, flight, self._vehicle_clock, Memory(), self._found, runtime.ok,
             self._say,
@@ -151,12 +159,33 @@ class Bridge(ManagedNode):
             self._timeouts,
             Outputs(self._show, self._say, self._changed), self._preflight.release.output,
         )  # fmt: skip
+        self._flight.check()
         self._runner = Runner(self._flight, self._vehicle_clock, self._say)
         self._runner.start()
         self._check("result", "passed")
         self.get_logger().info(
             "preflight passed; it flies once it is activated: iolspi manage bridge activate"
         )
+
+    def _check_again(self) -> None:
+        """The preflight once more: whoever is on the ground may have been restarted there."""
+        assert self._flight is not None
+        assert self._link is not None
+        assert self._preflight is not None
+        if self._runner is not None:
+            self._runner.stop()
+        self._checklist = {"result": "not yet"}
+        try:
+            self._link.telemetry.forget()
+            self._preflight.run()
+            self._flight.check()
+            self._check("result", "passed")
+        except InputError as error:
+            self._check("result", f"failed: {error}")
+            raise
+        finally:
+            self._runner = Runner(self._flight, self._vehicle_clock, self._say)
+            self._runner.start()
 
     def _put_away(self) -> None:
         """Stop the thread, restore the autopilot's parameters, close the link."""
@@ -251,6 +280,29 @@ class Bridge(ManagedNode):
             return response
         self._flight.reset(self._vehicle_clock.now(), self.task, settings)
         response.success, response.message = True, f"seed {settings.seed}"
+        return response
+
+    def _on_fly(self, _: Any, response: Any) -> Any:
+        """Take off again, once it is down: what `activate` does, for who is active already."""
+        flight = self._flight
+        if flight is None or not self.active:
+            response.success, response.message = False, "not active; allowed: activate it first"
+        elif flight.in_flight:
+            response.success, response.message = False, f"in flight: {flight.phase.name.lower()}"
+        else:
+            try:
+                self.activate()
+                response.success, response.message = True, "checked; it takes off"
+            except InputError as error:
+                response.success, response.message = False, str(error)
+        return response
+
+    def _on_land(self, _: Any, response: Any) -> Any:
+        if self._flight is None or not self._flight.in_flight:
+            response.success, response.message = False, "not in flight"
+            return response
+        self._flight.land(self._vehicle_clock.now(), "a person has asked for it")
+        response.success, response.message = True, "it lands"
         return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:

@@ -138,7 +138,8 @@ class Payload:
 
     @property
     def _gone(self) -> bool:
-        return self._estimator.fall is not None
+        """Let go; or seen so far away that it fell by itself, or when nobody heard the answer."""
+        return self._estimator.fall is not None or self._estimator.away()
 
     def _reward(self, now: float) -> float | None:
         """The task's reward for where the load came down; None while that is open.

@@ -18,6 +18,7 @@ from msg_bridge.mavlink.episode_clock import EpisodeClock
 from msg_bridge.mavlink.payload import PayloadReport
 from msg_bridge.mavlink.phases import Command, Decision, Enter, Level, Phase, Show, Tell
 from msg_bridge.mavlink.settings import FlightSettings
+from msg_bridge.mavlink.settling import Settling
 from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 Array = NDArray[np.float64]
@@ -25,6 +26,7 @@ _AGAIN = 1.0  # between two requests of the same [s]
 _CLIMB_AGAIN = 8.0  # between two requests to take off: a lift-off takes seconds [s]
 _STOPPED = 0.3  # a vehicle below this has stopped [m/s]
 _STILL = 0.2  # so long after the end it does not begin to look for the next start [s]
+_RESTLESS = 3  # starts one after the other without rest, and it lands
 _PROBE = 1.0  # between two episodes that nobody has answered [s]
 
 
@@ -79,7 +81,11 @@ class PhaseMachine:
         self.landing_reason = ""
         self.unanswered = 0.0
         """For how long nobody has answered an episode [s]."""
-        self._since = self._asked = self._settled = self._probe = 0.0
+        self.settling = Settling(settings)
+        self.waits_for = ""
+        """What keeps the next episode from beginning, for people."""
+        self._restless = 0
+        self._since = self._asked = self._probe = 0.0
         self._begun = 0
         self._ours = False
         self._released: Array = np.zeros(4)
@@ -114,6 +120,7 @@ class PhaseMachine:
     def begin(self, now: float) -> list[Decision]:
         """Take off, as soon as the vehicle lets us."""
         self.unanswered = self._probe = 0.0
+        self._restless = 0
         self._enter(Phase.ARMING, now)
         return self._taken()
 
@@ -163,9 +170,14 @@ class PhaseMachine:
         elif authority is Authority.OTHER and not inputs.armed:
             self._give_up(now)
             self._enter(Phase.DOWN, now)
-            self._tell("warning", "on the ground; activate the bridge again to fly on")
+            self._tell(
+                "warning",
+                "on the ground; activate the bridge again to fly on: iolspi manage bridge fly",
+            )
         elif authority in (Authority.HOLD, Authority.OTHER, Authority.PILOT):
             self._give_up(now)
+            if self.phase is Phase.TRANSIT and inputs.payload.gone:
+                self._enter(Phase.BRAKE, now)  # and from there to the next load
         elif (handle := self._handlers.get(self.phase)) is not None:
             handle(inputs)
         return self._taken()
@@ -193,18 +205,28 @@ class PhaseMachine:
             self._tell("delay", f"still climbing, at {m.height:.1f} m")
 
     def _in_transit(self, i: Inputs) -> None:
-        m, swing = i.motion, self.settings.settle_swing
-        there = (
-            abs(m.x - self.target) < 0.1 and abs(m.speed) < 0.1 and abs(m.across) < 0.4
-            and abs(m.height - self.settings.height) < 0.6
-            and abs(m.swing) < swing and abs(m.swing_rate) < 3.0 * swing
-        )  # fmt: skip
-        if not there:
-            self._settled = i.now
-            where = f"x = {m.x:.2f} m, speed {m.speed:.2f} m/s, swing {m.swing:.2f} rad"
-            self._tell("delay", f"settling at x = {self.target:.1f} m, now {where}")
-        elif i.now - self._settled >= self.settings.settle_time and i.now >= self._probe:
+        settled = self.settling.see(i.now, self.target, i.motion)
+        self.waits_for = settled.waits_for
+        if settled.ready and i.now >= self._probe:
+            self._restless = 0
             self._start(i)
+        elif settled.expired and settled.waits_for:
+            self._elsewhere(i.now)
+        elif settled.waits_for:
+            self._tell("delay", f"settling at x = {self.target:.1f} m: {settled.waits_for}")
+
+    def _elsewhere(self, now: float) -> None:
+        """It does not come to rest here: try another start, and give up after some."""
+        self._restless += 1
+        why = f"no rest at x = {self.target:.1f} m in {self.settings.settle_timeout:g} s"
+        self._tell("warning", f"{why}: {self.waits_for}")
+        if self._restless >= _RESTLESS:
+            why = f"it did not come to rest at {_RESTLESS} starts; last: {self.waits_for}"
+            self._tell("info", f"land: {why}")
+            self._land(now, why)
+            return
+        self.target = self._draw()
+        self._enter(Phase.TRANSIT, now)
 
     def _in_episode(self, i: Inputs) -> None:
         if self.episode is None or not self.episode.due(i.now):
@@ -293,7 +315,10 @@ class PhaseMachine:
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase = phase
-        self._since = self._settled = now
+        self._since = now
+        self.waits_for = ""
+        if phase is Phase.TRANSIT:
+            self.settling.begin(now)
         self._asked = -np.inf
         self._decisions.append(Enter(phase))
 

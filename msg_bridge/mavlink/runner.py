@@ -10,6 +10,7 @@ from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.status import Say
 
 _CLOSE = 1e-6  # to the time of the next setpoint is at it [s]
+_SHARE = 0.5  # of the machine time between two setpoints, in which is listened
 
 
 class Runner:
@@ -27,6 +28,8 @@ class Runner:
         self._flight, self._clock, self._say = flight, clock, say
         self._period = 1.0 / flight.rate
         self._due = clock.now()
+        self._budget = _SHARE * clock.wall(self._period)
+        self._spent = 0.0
         self._stopping = threading.Event()
         self._failed = -1.0
         self._thread = threading.Thread(target=self._run, name="setpoints", daemon=True)
@@ -42,15 +45,28 @@ class Runner:
             self._thread.join()
 
     def step(self) -> None:
-        """Wait until something has come or a setpoint is due, and see to it."""
-        self._flight.link.wait(self._clock.wall(self._due - self._clock.now()))
+        """Wait until something has come or a setpoint is due, and see to it.
+
+        Setpoints come first, and listening has a budget: who floods us is not listened to
+        until the next setpoint was sent.
+        """
+        left = self._clock.wall(self._due - self._clock.now())
+        if self._spent < self._budget:
+            self._flight.link.wait(left)
+        else:
+            self._stopping.wait(max(left, 0.0))
         now = self._clock.now()
         try:
             if now >= self._due - _CLOSE:
                 self._due = max(self._due + self._period, now)
                 self._flight.tick(now)
-            else:
-                self._flight.listen(now)
+                self._spent = 0.0
+            begun = self._clock.elapsed()
+            end = begun + self._budget - self._spent
+            all_of_it = self._flight.listen(now, lambda: self._clock.elapsed() < end)
+            self._spent += self._clock.elapsed() - begun
+            if all_of_it:  # a quiet link costs nobody anything: its time is not counted
+                self._spent = min(self._spent, 0.9 * self._budget)
         except Exception:
             self._survive(now)
 

@@ -48,7 +48,13 @@ class FlightSettings(Settings):
     settle_time: float = setting(
         0.5, "so long near the initial position, at rest, before an episode [s]", low=0.0, high=60.0
     )
-    settle_swing: float = setting(0.08, "swing that counts as at rest [rad]", low=0.001, high=1.5)
+    settle_swing: float = setting(
+        0.08, "swing that counts as at rest, without noise [rad]", low=0.001, high=1.5
+    )
+    settle_timeout: float = setting(
+        30.0, "another start is flown to when one is not settled at for so long [s]",
+        low=5.0, high=600.0,
+    )  # fmt: skip
     real_time_factor: float = setting(
         1.0, "vehicle seconds per second: 1.0 for all that flies, more for a faster simulator",
         low=0.0, high=100.0, low_open=True,

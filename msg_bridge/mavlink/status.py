@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink.arbiter import Authority, Ruling
+from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.telemetry import Telemetry
 
@@ -59,6 +60,7 @@ class StatusReporter:
     def __init__(self, telemetry: Telemetry, say: Say) -> None:
         self._telemetry, self.say = telemetry, say
         self._since = 0.0
+        self._trouble = ""
         self._relayed: tuple[float, int, str] | None = None
 
     def begin(self, now: float) -> None:
@@ -73,6 +75,15 @@ class StatusReporter:
         for heard in reversed(list(fresh)):
             self._relayed, (_, severity, text) = heard, heard
             self.say("warning" if severity <= _WARNING else "info", f"autopilot: {text}")
+
+    def line(self, link: AutopilotLink) -> None:
+        """Tell when the line breaks or is whole again, and who speaks that should not."""
+        if link.trouble != self._trouble:
+            words = link.trouble or "the line to the autopilot is whole again"
+            self._trouble = link.trouble
+            self.say("warning" if link.trouble else "info", words)
+        while link.sources.news:
+            self.say("warning", link.sources.news.pop(0))
 
     def ruling(self, before: Ruling, ruling: Ruling) -> None:
         """Tell that somebody else commands, and why."""

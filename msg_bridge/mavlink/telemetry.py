@@ -107,6 +107,16 @@ class Telemetry:
             handle(self, message, now)
         return True
 
+    def forget(self) -> None:
+        """Take nothing for granted that was heard: the autopilot may have been restarted."""
+        self.autopilot, self.flags, self.lost_time = None, None, math.inf
+        self.mode, self.armed = -1, False
+        self.position_time = self.load_time = self.jump_time = NEVER
+        self.boot = self._skew = math.nan
+        self.round_trips.clear()
+        self.acks.clear()
+        self.parameters.clear()
+
     def texts_since(self, time: float) -> list[str]:
         """What the autopilot has told people since a time."""
         return [text for when, _, text in self.texts if when >= time]
@@ -125,6 +135,8 @@ class Telemetry:
         if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
             return
         boot, before = message.time_boot_ms * 1e-3, self.boot
+        if -1.0 < boot - before <= 0.0:
+            return  # the same once more, or one that was overtaken: no news
         self._watch_clock(boot, now)
         passed = boot - before
         if 0.0 < passed < 1.0:

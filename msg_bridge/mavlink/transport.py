@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-import contextlib
 import select
 import socket
-from typing import Any, Protocol
+from typing import Protocol
 
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import urls
+from msg_bridge.mavlink.streams import Serial, Tcp
 
-_SIZE = 65_535  # of the largest UDP datagram [bytes]
+_LARGEST = 4096  # datagram that is looked into [bytes]: autopilots send at most 1,500
+_BUFFER = 1 << 20  # of what has come and is not read yet [bytes], as far as the system lets us
+_GLANCE = 64  # datagrams dropped before whoever reads may do something else
 
 
 class Transport(Protocol):
-    """A way to one autopilot. Nothing blocks but `wait`; nothing raises when it is gone."""
+    """A way to one autopilot. Nothing blocks but `wait`; nothing raises when it is gone.
+
+    Attributes
+    ----------
+    datagrams : bool
+        What is read at once are whole packets.
+    source : str
+        Where the last thing read came from.
+    trouble : str
+        Why nothing can come or go now, for people; empty when it can.
+    """
 
     datagrams: bool
-    """What is read at once are whole packets."""
+    source: str
+    trouble: str
 
     def wait(self, seconds: float) -> None:
         """Return when something can be read, or after so long [s]."""
@@ -31,8 +44,8 @@ class Transport(Protocol):
         """Send; False when it cannot be sent now."""
         ...
 
-    def keep(self) -> None:
-        """The last thing read came from the autopilot: answer there."""
+    def answer(self, source: str) -> None:
+        """Send there from now on, where there is a choice."""
         ...
 
     def close(self) -> None:
@@ -41,11 +54,11 @@ class Transport(Protocol):
 
 
 class Udp:
-    """A UDP socket that talks to one address.
+    """A UDP socket that sends to one address.
 
-    Calling, the address is the one given and the kernel drops datagrams from others. Listening,
-    it is that of the first sender that turned out to be the autopilot (`keep`); a later one is
-    taken only from the same host, which is where an autopilot that was restarted comes from.
+    Calling, that is the one given, and the kernel drops datagrams from others. Listening, it is
+    the one chosen with `answer`, and nothing is sent before; datagrams from other hosts are
+    then dropped.
 
     Parameters
     ----------
@@ -59,9 +72,12 @@ class Udp:
 
     def __init__(self, host: str, port: int, *, listen: bool) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._peer: tuple[str, int] | None = None
-        self._sender: tuple[str, int] | None = None
         self._listening = listen
+        self.source, self.trouble = f"{host}:{port}", ""
+        self.dropped = 0
+        """Datagrams from other hosts, and those that are too large to be packets."""
         try:
             if listen:
                 self._socket.bind((host, port))
@@ -78,15 +94,20 @@ class Udp:
 
     def read(self) -> bytes:
         """One datagram; empty when there is none."""
-        try:
-            data, sender = self._socket.recvfrom(_SIZE)
-        except OSError:  # nothing there, or nobody listens at the other end
-            return b""
-        if self._listening:
-            if self._peer is not None and sender[0] != self._peer[0]:
+        while True:
+            try:
+                data, sender = self._socket.recvfrom(_LARGEST + 1)
+            except OSError:  # nothing there, or nobody listens at the other end
                 return b""
-            self._sender = sender
-        return data
+            foreign = self._listening and self._peer is not None and sender[0] != self._peer[0]
+            if foreign or not 0 < len(data) <= _LARGEST:
+                self.dropped += 1
+                if self.dropped % _GLANCE == 0:
+                    return b""  # who floods us keeps nobody from sending
+                continue
+            if self._listening:
+                self.source = f"{sender[0]}:{sender[1]}"
+            return data
 
     def write(self, data: bytes) -> bool:
         """Send a datagram, when it is known where to."""
@@ -101,129 +122,14 @@ class Udp:
             return False
         return True
 
-    def keep(self) -> None:
-        """Answer to the sender of the last datagram."""
-        self._peer = self._sender
+    def answer(self, source: str) -> None:
+        """Send there from now on."""
+        host, _, port = source.rpartition(":")
+        self._peer = (host, int(port))
 
     def close(self) -> None:
         """Let the port go."""
         self._socket.close()
-
-
-class Tcp:
-    """A TCP connection that is made again when it breaks."""
-
-    datagrams = False
-
-    def __init__(self, host: str, port: int) -> None:
-        self._address = (host, port)
-        self._socket: socket.socket | None = None
-        self._connected = False
-
-    def wait(self, seconds: float) -> None:
-        """Return when something can be read, or after so long [s]."""
-        if self._socket is None:
-            self._connect()
-        ends = [] if self._socket is None else [self._socket]
-        readable, writable = (ends, []) if self._connected else ([], ends)
-        select.select(readable, writable, [], max(seconds, 0.0))
-
-    def read(self) -> bytes:
-        """What has come."""
-        if self._socket is None or not self._ready():
-            return b""
-        try:
-            data = self._socket.recv(_SIZE)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-        return data
-
-    def write(self, data: bytes) -> bool:
-        """Send; a packet that does not fit whole breaks the connection, to keep packets whole."""
-        if self._socket is None or not self._ready():
-            return False
-        try:
-            sent = self._socket.send(data)
-        except BlockingIOError:
-            return False
-        except OSError:
-            sent = -1
-        if sent != len(data):
-            self.close()
-            return False
-        return True
-
-    def keep(self) -> None:
-        """Nothing to choose: a connection has two ends."""
-
-    def close(self) -> None:
-        """Break the connection."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket, self._connected = None, False
-
-    def _connect(self) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.setblocking(False)
-        with contextlib.suppress(OSError):  # it goes on in the background
-            self._socket.connect(self._address)
-
-    def _ready(self) -> bool:
-        if self._connected or self._socket is None:
-            return self._connected
-        _, writable, _ = select.select([], [self._socket], [], 0.0)
-        if not writable:
-            return False
-        if self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
-            self.close()  # refused; the next `wait` tries again
-            return False
-        self._connected = True
-        return True
-
-
-class Serial:
-    """A serial line."""
-
-    datagrams = False
-
-    def __init__(self, device: str, baud: int) -> None:
-        import serial  # pyserial
-
-        try:
-            self._line: Any = serial.Serial(device, baud, timeout=0.0, write_timeout=0.0)
-        except (serial.SerialException, ValueError) as error:
-            raise InputError(f"url serial:{device}:{baud}: {error}") from error
-        self._gone: Any = serial.SerialException
-
-    def wait(self, seconds: float) -> None:
-        """Return when something can be read, or after so long [s]."""
-        select.select([self._line], [], [], max(seconds, 0.0))
-
-    def read(self) -> bytes:
-        """What has come."""
-        try:
-            return bytes(self._line.read(_SIZE))
-        except (self._gone, OSError):
-            return b""
-
-    def write(self, data: bytes) -> bool:
-        """Send."""
-        try:
-            return bool(self._line.write(data) == len(data))
-        except (self._gone, OSError):
-            return False
-
-    def keep(self) -> None:
-        """Nothing to choose: a line has two ends."""
-
-    def close(self) -> None:
-        """Let the device go."""
-        self._line.close()
 
 
 def open_url(url: str) -> Transport:

@@ -64,10 +64,11 @@ class ArduPilot(Commander):
         """Along a shaped reference."""
         value = self.parameters
         tilt = math.radians(float(value["ANGLE_MAX"]) / 100.0)
+        stopping = self.firmware.stopping if self._late else math.inf
         return Gains(
             shaped=True,
             jerk=(float(value[self._jerk]), float(value["PSC_JERK_Z"])),
-            acceleration=(float(value["WPNAV_ACCEL"]) / 100.0, 1.0),
+            acceleration=(min(float(value["WPNAV_ACCEL"]) / 100.0, stopping), 1.0),
             speed=(float(value["WPNAV_SPEED"]) / 100.0, float(value["WPNAV_SPEED_UP"]) / 100.0,
                    float(value["WPNAV_SPEED_DN"]) / 100.0),
             top_speed=9.3,  # the fastest that a held acceleration was seen to lead to
@@ -80,6 +81,13 @@ class ArduPilot(Commander):
             push=0.71 * self.body.frame.g * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
+
+    @property
+    def _late(self) -> bool:
+        """Whether setpoints have stopped that were no places."""
+        if self.target is None or self.target.use[0] & HAS_POSITION:
+            return False
+        return self.now - self._setpoint_at > float(self.parameters["GUID_TIMEOUT"])
 
     # ------------------------------------------------------------ refusals
 
@@ -151,8 +159,7 @@ class ArduPilot(Commander):
             return None
         if self.target is None:
             return self._hold()
-        late = self.now - self._setpoint_at > float(self.parameters["GUID_TIMEOUT"])
-        if late and not self.target.use[0] & HAS_POSITION:
+        if self._late:
             return spot(self.body.position, (0.0, 0.0, 0.0))
         turn = self.channels[3] - 1500
         if abs(turn) > 20:  # the stick's yaw is obeyed, its other axes are not

@@ -179,7 +179,7 @@ class Autopilot:
     def _tick(self) -> None:
         self._ticks += 1
         self._ticks_ever += 1
-        now, value = self.now, self.parameters
+        now = self.now
         self._update_channel()
         for link in self.links:
             for message in link.arrived(now):
@@ -187,12 +187,19 @@ class Autopilot:
         while self._actions and self._actions[0][0] <= now:
             heapq.heappop(self._actions)[2]()
         self.commander.tick(now)
-        self.body.believe(float(value["SIM_NOISE"]), self.commander.drift, TICK)
+        self.body.believe(self._deviation(), self.commander.drift, TICK)
         target, motors, level = self.commander.steer()
         self.body.move(target, self.commander.gains(), motors, level, self._wind(), TICK)
         for link in self.links:
             self._tell(link)
         self._tell_of_load()
+
+    def _deviation(self) -> tuple[float, float]:
+        """Of the estimate: its own, in flight, and what a test adds."""
+        added = float(self.parameters["SIM_NOISE"])
+        wander = float(self.parameters["SIM_WANDER"]) * self.commander.airborne
+        own, own_speed = self.firmware.wander
+        return math.hypot(wander * own, added), math.hypot(wander * own_speed, 0.5 * added)
 
     def _wind(self) -> Any:
         speed = float(self.parameters["SIM_WIND_SPD"])
