@@ -28,9 +28,13 @@ SOURCES = (NOTHING, "set 5")
 HELPERS: Mapping[str, dict[str, Any]] = {
     "alone": {"helper": NOBODY},
     "watched": {"helper": WATCHING},
-    "watched, first 100 episodes": {"helper": WATCHING, "stays": 100},
     "watched, at the first loss": {"helper": WATCHING, "loss": 5.0},
-    "each mistake prevented": {"helper": CONFIRMING},
+    "watched, at the first loss, first 100 episodes": {
+        "helper": WATCHING,
+        "loss": 5.0,
+        "stays": 100,
+    },
+    "each mistake prevented": {"helper": CONFIRMING, "loss": 5.0},
 }
 LAST = 50
 """Episodes at the end over which a policy is judged."""
