@@ -70,7 +70,8 @@ class Nodes:
     """Our nodes as processes of one domain."""
 
     def __init__(self, folder, domain):
-        own = {"ROS_DOMAIN_ID": str(domain), "XDG_CACHE_HOME": str(folder / "cache")}
+        own = {"ROS_DOMAIN_ID": str(domain), "XDG_CACHE_HOME": str(folder / "cache"),
+               "XDG_STATE_HOME": str(folder / "state")}  # fmt: skip
         self.folder, self.env = folder, os.environ | own
         self.processes = {}
 

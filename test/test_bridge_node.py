@@ -110,8 +110,8 @@ def test_it_is_managed_from_preflight_to_landing(nodes, sitl, actor):
     assert sitl.autopilot.parameters["COM_OBL_RC_ACT"] == 5
     actor.until(lambda: actor.status.get(PREFLIGHT, {}).get("result") == "passed")
     assert list(actor.status[PREFLIGHT]) == [
-        "autopilot", "signed", "COM_OF_LOSS_T", "COM_OBL_RC_ACT", "position estimate", "clock",
-        "load", "result",
+        "autopilot", "signed", "identity", "COM_OF_LOSS_T", "COM_OBL_RC_ACT", "position estimate",
+        "clock", "release", "load", "result",
     ]  # fmt: skip
     assert actor.status[PREFLIGHT]["load"] == "reported by system 2"
     actor.until(lambda: actor.status.get("bridge", {}).get("phase") == "idle")

@@ -234,6 +234,23 @@ def test_without_a_feed_the_answer_is_believed_and_the_parabola_judged():
         assert ("MAV_RESULT_FAILED" in report.failure) is not found
 
 
+def test_a_gripper_that_is_asked_again_while_at_it_is_no_refusal():
+    """PX4 rejects what it is doing already, and says so of what was cancelled by the next."""
+    heard = Heard(feed=False).flying()
+    heard.payload.release(heard.estimator.motion(1.0), 1.0)
+    heard.ack(1.02, 6)  # of shutting it, before
+    assert heard.payload.report(Phase.RELEASE, 1.15).reward is None
+    assert len(heard.sent) == 2
+    heard.ack(1.16, dialect.MAV_RESULT_TEMPORARILY_REJECTED)
+    report = heard.payload.report(Phase.RELEASE, 1.17)
+    assert report.reward is not None
+    assert not report.failure
+    heard = Heard(feed=False).flying()
+    heard.payload.release(heard.estimator.motion(1.0), 1.0)
+    heard.ack(1.02, dialect.MAV_RESULT_TEMPORARILY_REJECTED)
+    assert "TEMPORARILY_REJECTED" in heard.payload.report(Phase.RELEASE, 1.03).failure
+
+
 def test_a_new_load_is_one_that_was_seen_after_the_gripper_was_shut():
     heard = Heard().flying()
     heard.payload.release(heard.estimator.motion(1.0), 1.0)

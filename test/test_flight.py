@@ -29,7 +29,7 @@ def test_episodes_are_flown_from_take_off_to_landing(tmp_path, like):
             if before.episode == after.episode and not after.last:
                 assert after.step > before.step
                 assert after.reward == pytest.approx(-0.5 * abs(before.state[0]))
-        assert not f.preflight.restore(f.profile)
+        assert not f.preflight.restore()
         if like == "ardupilot":
             assert f.heard("autopilot: Gripper load released")
     for name, value in {

@@ -230,7 +230,7 @@ def test_a_preflight_that_fails_says_why(tmp_path, options, why):
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_without_its_parameters_nothing_flies(tmp_path, like, monkeypatch):
     profile = profiles.PROFILES[like]
-    changes = (*profile.changes, profiles.ParameterChange("NOT_THERE", 1.0, "to see"))
+    changes = (*profile.changes, profiles.ParameterChange(("NOT_THERE",), 1.0, "to see"))
     monkeypatch.setitem(profiles.PROFILES, like, replace(profile, changes=changes))
     flying = Flying(tmp_path, like)
     with pytest.raises(InputError, match=r"NOT_THERE .*cannot be read; without it nothing"), flying:
@@ -241,8 +241,7 @@ def test_what_a_killed_bridge_had_changed_the_next_one_gives_back(tmp_path):
     with Flying(tmp_path, "px4") as killed:
         values = killed.autopilot.parameters
         assert values["COM_OF_LOSS_T"] == 0.5
-        with_memory = killed.preflight
-        killed.preflight.run()  # another bridge, on the same vehicle and the same file
-        assert not with_memory.restore(killed.profile)
+        killed.preflight.run()  # another bridge, on the same vehicle and the same memory
+        assert not killed.preflight.restore()
         assert values["COM_OF_LOSS_T"] == 1.0
         assert values["COM_OBL_RC_ACT"] == 0

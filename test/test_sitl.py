@@ -10,6 +10,7 @@ from mavlink_peer import GUIDED, VELOCITY, Peer, flying
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from iolspi_ros.errors import InputError
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
 
 LIKES = ["px4", "ardupilot"]
 SEEK = (Phase.explicit, Phase.generate)  # no shrinking: a flight takes too long
@@ -180,7 +181,7 @@ def test_it_brakes_and_holds_in_wind(like):
 
 
 def test_a_new_load_hangs_below():
-    peer = flying("px4", 4.0)
+    peer = flying("px4", 4.0, parameters=WITH_GRIPPER["px4"])
     hold = stream(peer)
     peer.order(211, 1, 0)
     peer.run(2.0, hold)
@@ -209,8 +210,7 @@ def test_estimator_lost(like):
 
 @pytest.mark.parametrize(("failure", "first"), [(1, 4), (2, None)])
 def test_gripper_refused_or_stuck(like, failure, first):
-    peer = Peer(like, parameters={"SIM_GRIP_FAIL": failure} | (
-        {"GRIP_ENABLE": 1, "SERVO9_FUNCTION": 28} if like == "ardupilot" else {}))  # fmt: skip
+    peer = Peer(like, parameters={"SIM_GRIP_FAIL": failure} | WITH_GRIPPER[like])
     answer = peer.command(211, 1, 0)
     assert answer == [first or {"px4": 5, "ardupilot": 0}[like]]
     peer.run(2.0)

@@ -12,6 +12,8 @@ import pytest
 from mavlink_peer import ACCELERATION, GUIDED, VELOCITY, Peer, flying
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
+
 GUIDED_MODE, LOITER, RTL, LAND, BRAKE, STABILIZE = 4, 5, 6, 9, 17, 0
 BARE = {"SIM_LOAD_MASS": 1e-3, "SIM_LOAD_RATE": 0.0}  # measured without a load
 
@@ -309,15 +311,16 @@ def test_gripper():
     peer = Peer("ardupilot")
     peer.run(1.0)
     assert peer.command(211, 1, 0) == [4]
-    peer.set("GRIP_ENABLE", 1)
-    peer.set("SERVO9_FUNCTION", 28)
+    for name, value in WITH_GRIPPER["ardupilot"].items():
+        assert peer.command(211, 1, 0) in ([4], [0])
+        peer.set(name, value)
     assert peer.command(211, 1, 0) == [0]
     peer.run(2.0)
     assert peer.body.attached
     assert peer.command(246, 1) == [0]
     peer.run(1.0)
     peer.command(511, 36, 1e4)
-    assert pulse(peer) == 1900
+    assert pulse(peer) == 1500
     start = peer.now
     assert peer.command(211, 1, 0) == [0]
     peer.run(0.05)
@@ -328,6 +331,15 @@ def test_gripper():
     assert peer.command(211, 1, 1) == [0]
     peer.run(1.0)
     assert peer.body.attached
+
+
+@pytest.mark.parametrize("lacking", ["GRIP_TYPE", "SERVO9_FUNCTION"])
+def test_half_a_gripper_says_yes_and_moves_nothing(lacking):
+    peer = Peer("ardupilot", parameters=WITH_GRIPPER["ardupilot"] | {lacking: 0})
+    assert peer.command(211, 1, 0) == [0]
+    peer.run(2.0)
+    assert peer.body.attached
+    assert not peer.texts()
 
 
 def test_servo():

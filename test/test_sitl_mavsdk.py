@@ -10,6 +10,7 @@ from mavsdk.plugins.offboard import Offboard, OffboardResult, VelocityNedYaw
 from mavsdk.plugins.param import Param, ParamResult
 from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
 from sim_nodes.autopilot.server import Sitl
 
 pytestmark = pytest.mark.slow
@@ -43,8 +44,7 @@ BROKEN = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
 
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_mavsdk_sets_parameters_and_lets_the_load_go(mavsdk, like):
-    gripper = {"GRIP_ENABLE": 1, "SERVO9_FUNCTION": 28} if like == "ardupilot" else {}
-    with Sitl(like, ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": SPEED_UP} | gripper) as sitl:
+    with Sitl(like, ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": SPEED_UP} | WITH_GRIPPER[like]) as sitl:
         system = connect(mavsdk, sitl)
         parameters = Param(system)
         own = sitl.autopilot.parameters

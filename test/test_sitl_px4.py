@@ -8,6 +8,8 @@ import pytest
 from mavlink_peer import ACCELERATION, OFFBOARD, VELOCITY, Peer, flying
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
+
 BARE = {"SIM_LOAD_MASS": 1e-3}  # measured without a load
 HEIGHT_AND_PUSH = 0x0D3B
 
@@ -233,14 +235,56 @@ def test_manual_control():
     assert peer.until(lambda: now_in(peer, HOLD), 2.0, stream(peer)) <= 0.9
 
 
-def test_gripper(ready):
-    """Row "DO_GRIPPER(211)": ACK 5 at once, then 0 after 1.0 to 1.5 s."""
-    start = ready.now
-    assert ready.command(211, 1, 0) == [5]
-    ready.until(lambda: len(ready.of("COMMAND_ACK", start)) == 2, 3.0)
-    assert ready.of("COMMAND_ACK", start)[-1].result == 0
-    assert 1.0 <= ready.now - start <= 1.51
-    assert not ready.body.attached
+def answers(peer, since):
+    return [m.result for m in peer.of("COMMAND_ACK", since) if m.command == 211]
+
+
+def test_gripper():
+    """Row "DO_GRIPPER(211)": ACK 5 at once, then 0 after `PD_GRIPPER_TO`."""
+    peer = Peer("px4", parameters=WITH_GRIPPER["px4"])
+    start = peer.now
+    assert peer.command(211, 1, 0) == [5]
+    peer.until(lambda: answers(peer, start) == [5, 0], 4.0)
+    assert peer.now - start == pytest.approx(3.0, abs=0.02)
+    assert not peer.body.attached
+    assert peer.command(211, 1, 0) == [0]  # it is open
+
+
+def test_without_a_gripper_it_does_not_even_answer():
+    """Measured: of 69 commands none was acknowledged; nor before a restart."""
+    peer = Peer("px4")
+    assert peer.command(211, 1, 0) == []
+    peer.set("PD_GRIPPER_EN", 1)
+    assert peer.command(211, 1, 0) == []
+    peer.run(4.0)
+    assert answers(peer, 0.0) == []
+    assert peer.body.attached
+    assert peer.command(246, 1) == [0]
+    assert peer.command(211, 1, 0) == [5]
+
+
+def test_a_gripper_at_work_rejects_the_same_and_is_cancelled_by_the_opposite():
+    """As in its source: `payload_deliverer.cpp`."""
+    peer = Peer("px4", parameters=WITH_GRIPPER["px4"])
+    start = peer.now
+    assert peer.command(211, 1, 0) == [5]
+    assert peer.command(211, 1, 0) == [1]
+    assert peer.command(211, 1, 1) == [6, 5]
+    peer.run(4.0)
+    assert answers(peer, start) == [5, 1, 6, 5, 0]
+    assert peer.body.attached
+
+
+def test_its_output_is_seen_to_move_in_flight_alone():
+    """Outputs that are not armed stay as they are (`mixer_module.cpp`)."""
+    peer = flying("px4", parameters=WITH_GRIPPER["px4"])
+    assert peer.command(211, 1, 0) == [5]
+    peer.run(0.2, lambda _: peer.aim(ACCELERATION))
+    assert peer.of("SERVO_OUTPUT_RAW")[-1].servo5_raw == 1000
+    ground = Peer("px4", parameters=WITH_GRIPPER["px4"])
+    ground.command(211, 1, 0)
+    ground.run(0.2)
+    assert ground.of("SERVO_OUTPUT_RAW")[-1].servo5_raw == 0
 
 
 def test_servo_and_actuator(ready):

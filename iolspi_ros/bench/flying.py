@@ -16,6 +16,7 @@ from msg_bridge.mavlink.arbiter import Authority, Timeouts
 from msg_bridge.mavlink.envelope import Limits, violation
 from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.memory import Memory
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
@@ -24,6 +25,7 @@ from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from sim_nodes.autopilot.autopilot import Autopilot
 from sim_nodes.autopilot.dynamics import LOAD, POSITION, VELOCITY
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.tasks.slung_load.pilot import Perform
 
@@ -31,8 +33,6 @@ Array = NDArray[np.float64]
 Act = Callable[[Observation], int | None]
 """What somebody does with an observation; None for nothing."""
 
-GRIPPER = {"GRIP_ENABLE": 1.0, "SERVO9_FUNCTION": 28.0}
-"""What ArduCopter must have booted with to have a gripper."""
 PATIENT = Timeouts(action_timeout=0.3, telemetry_timeout=0.6, round_trip_limit=0.5)
 """For clocks that run faster: delays of a machine with other work count as many times."""
 
@@ -40,7 +40,7 @@ PATIENT = Timeouts(action_timeout=0.3, telemetry_timeout=0.6, round_trip_limit=0
 def parameters(like: str, **changed: float) -> dict[str, float]:
     """What the embedded autopilot boots with, for a load that reports itself and can be let go."""
     known = {"SIM_LOAD_RATE": 20.0}
-    return known | (GRIPPER if like == "ardupilot" else {}) | changed
+    return known | WITH_GRIPPER[like] | changed
 
 
 def pilot(task: SlungLoad) -> Act:
@@ -113,7 +113,7 @@ class Flying:
         self.changes: list[AuthorityChange] = []
         self.preflight = Preflight(
             self.link, LinkSettings(patience=patience), self.settings, self.clock,
-            folder / "before.json", self.checklist.append,
+            Memory(folder / "memory", folder), self.checklist.append,
         )  # fmt: skip
         self.act = act or pilot(self.task)
         self._timeouts = timeouts or Timeouts()
@@ -144,7 +144,7 @@ class Flying:
         """Begin to fly, as a bridge does that was just configured and activated."""
         self.flight = Flight(
             self.task, self.link, self.profile, self.settings, self.limits, self._timeouts,
-            Outputs(self._show, self._say, self.changes.append),
+            Outputs(self._show, self._say, self.changes.append), self.preflight.release.output,
         )  # fmt: skip
         self.runner = Runner(self.flight, self.clock, self._say)
         self.world.run(self.runner, self._answer)

@@ -10,17 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from iolspi_ros.cli.following import Follower
 from iolspi_ros.cli.progress import bar, console
 from iolspi_ros.errors import InputError
+from sim_nodes.autopilot.firmware import WITH_GRIPPER
 
 if TYPE_CHECKING:
     from iolspi_ros.graph import Graph
     from iolspi_ros.nodes.monitor import Monitor
 
 TASK = "slung_load"
-EMBEDDED = {
-    "px4": ("SIM_LOAD_RATE=20",),
-    "ardupilot": ("SIM_LOAD_RATE=20", "GRIP_ENABLE=1", "SERVO9_FUNCTION=28"),
-}
-"""Parameters of the embedded autopilot: a load's feed, and a gripper enabled before it booted."""
+_LOAD_RATE = 20.0  # of the embedded autopilot's load [Hz]
 _LONGEST = 40.0  # an episode with all that comes between two takes at most [s]
 _SLACK = 0.05  # of wall time that an answer may be late by, whatever the speed-up [s]
 _WARN = 30  # rcl_interfaces/msg/Log
@@ -77,7 +74,8 @@ def start_embedded(nodes: Graph, plan: FlightPlan) -> None:
     if kind not in ("udpin", "udpout"):
         raise InputError(f"--url {plan.url}: allowed for the embedded autopilot: udpin, udpout")
     there = {"udpin": "udpout", "udpout": "udpin"}[kind]
-    values = [part for value in EMBEDDED[plan.like] for part in ("--param", value)]
+    booted = {"SIM_LOAD_RATE": _LOAD_RATE} | WITH_GRIPPER[plan.like]
+    values = [part for name, value in booted.items() for part in ("--param", f"{name}={value}")]
     nodes.run(
         "sitl", "iolspi_ros", "sitl", "--like", plan.like, "--url", f"{there}:{place}",
         "--speed-up", str(plan.speed_up), "--ready-after", "5.0", *values,

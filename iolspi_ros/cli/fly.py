@@ -10,7 +10,6 @@ import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.flight_plan import (
-    EMBEDDED,
     TASK,
     FlightPlan,
     Warnings,
@@ -122,9 +121,10 @@ def _plan(
     from iolspi_ros import resources
     from iolspi_ros.experiments.samplesets import mode_and_corruption
     from msg_bridge.mavlink.profiles import PROFILES
+    from sim_nodes.autopilot.firmware import FIRMWARES
 
     check_choice("--autopilot", autopilot, AUTOPILOTS)
-    check_choice("--like", like, tuple(EMBEDDED))
+    check_choice("--like", like, tuple(FIRMWARES))
     check_choice("--load", load, ("feed", "estimate"))
     check_range("--speed-up", speed_up, 0.1, 20.0)
     check_range("--episodes", episodes, 0, 1e6)

@@ -43,6 +43,8 @@ class Flight:
     limits : Limits
     timeouts : Timeouts
     outputs : Outputs
+    release_output : int, optional
+        Which output of the autopilot lets the load go: see `Payload`.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class Flight:
         limits: Limits,
         timeouts: Timeouts,
         outputs: Outputs,
+        release_output: int | None = None,
     ) -> None:
         self.link, self.profile = link, profile
         self.limits, self.timeouts = limits, timeouts
@@ -65,7 +68,7 @@ class Flight:
             link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
         )
         self._machine = PhaseMachine(task, settings, stream_first=profile.stream_first)
-        self._payload = Payload(task, link, profile, settings, self._estimator)
+        self._payload = Payload(task, link, profile, settings, self._estimator, release_output)
         self._guidance = Guidance(task, profile, settings, limits, self._estimator)
         self._lock = threading.RLock()
         self._ruling = Ruling(Authority.NOBODY, "not begun")
@@ -148,6 +151,7 @@ class Flight:
                 "round trip [s]": round(t.round_trip, 4),
                 "episodes flown": machine.flown,
                 "episodes abandoned": machine.abandoned,
+                "releases": {str(seen): n for seen, n in self._payload.releases.items()},
                 "envelope left": self._violations,
                 "envelope interventions": dict(self._guidance.interventions),
                 "packets rejected": self.link.codec.rejected,

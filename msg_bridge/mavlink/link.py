@@ -21,11 +21,11 @@ RATES = {
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
     dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0,
-    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 5.0,
-    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 5.0,
+    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 5.0,
 }
-"""What is asked for [Hz]. PX4 stays at one heartbeat a second; what one has not, it refuses."""
+"""What is asked for [Hz], beside what its estimator says. PX4 stays at one heartbeat a second."""
+_ESTIMATOR_RATE = 5.0  # [Hz]
 
 _BEAT = 1.0  # between our heartbeats [s]
 _SYNC = 0.5  # between two measurements of the round trip [s]
@@ -115,10 +115,15 @@ class AutopilotLink:
             raise ValueError(f"command {number} has {parameters}; allowed: finite numbers")
         return self.send(dialect.MAVLink_command_long_message(*self.target, number, 0, *parameters))
 
-    def ask_rates(self) -> None:
+    def ask_rates(self, profile: AutopilotProfile) -> None:
         """Ask for the messages that we live on."""
-        for message, rate in RATES.items():
+        for message, rate in (RATES | {profile.estimator: _ESTIMATOR_RATE}).items():
             self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
+
+    def ask_version(self) -> None:
+        """Ask which one it is; the answer is in `telemetry.uid`."""
+        wanted = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        self.command(dialect.MAV_CMD_REQUEST_MESSAGE, wanted)
 
     def ask_mode(self, profile: AutopilotProfile, custom_mode: int) -> None:
         """Ask for a mode; whether it was taken only a heartbeat tells."""

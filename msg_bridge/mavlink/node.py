@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from iolspi_ros import parameters, qos, resources, runtime, wire
+from iolspi_ros import parameters, qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import Autostart, ManagedNode
@@ -29,6 +28,7 @@ from msg_bridge.mavlink.envelope import Limits
 from msg_bridge.mavlink.flight import Flight
 from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.memory import Memory
 from msg_bridge.mavlink.preflight import ChecklistItem, Preflight
 from msg_bridge.mavlink.runner import Runner
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
@@ -78,6 +78,7 @@ class Bridge(ManagedNode):
         self._link: AutopilotLink | None = None
         self._flight: Flight | None = None
         self._runner: Runner | None = None
+        self._preflight: Preflight | None = None
         self._checklist: dict[str, str] = {}
         self._joy = Joy()
         self._joy_time = -np.inf
@@ -95,9 +96,7 @@ class Bridge(ManagedNode):
 
     def close(self) -> None:
         """Land if in the air, and give the autopilot its parameters back."""
-        if self._flight is None:
-            return
-        if self._flight.in_flight:
+        if self._flight is not None and self._flight.in_flight:
             print("bridge: ends in flight; the autopilot is told to land", file=sys.stderr)
             self._flight.land(self._vehicle_clock.now(), "the bridge ends")
             end = time.monotonic() + _PARTING
@@ -112,7 +111,7 @@ class Bridge(ManagedNode):
         """Find the autopilot, check it, and set its parameters."""
         try:
             self._configure()
-        except InputError as error:
+        except BaseException as error:
             self._put_away()
             self._check("result", f"failed: {error}")
             raise
@@ -142,15 +141,15 @@ class Bridge(ManagedNode):
         telemetry = Telemetry(settings.system, settings.load_system)
         self._vehicle_clock = VehicleClock(flight.real_time_factor)
         self._link = AutopilotLink(open_url(settings.url), telemetry, key, log)
-        kept = resources.cache_folder() / f"before_{_file_name(settings)}.json"
         self._preflight = Preflight(
-            self._link, settings, flight, self._vehicle_clock, kept, self._found, runtime.ok
-        )
+            self._link, settings, flight, self._vehicle_clock, Memory(), self._found, runtime.ok,
+            self._say,
+        )  # fmt: skip
         profile = self._preflight.run()
         self._flight = Flight(
             self.task, self._link, profile, flight, parameters.read(self, Limits),
             self._timeouts,
-            Outputs(self._show, self._say, self._changed),
+            Outputs(self._show, self._say, self._changed), self._preflight.release.output,
         )  # fmt: skip
         self._runner = Runner(self._flight, self._vehicle_clock, self._say)
         self._runner.start()
@@ -161,13 +160,16 @@ class Bridge(ManagedNode):
         """Stop the thread, restore the autopilot's parameters, close the link."""
         if self._runner is not None:
             self._runner.stop()
-        if self._flight is not None:
-            for failed in self._preflight.restore(self._flight.profile):
+        if self._preflight is not None:
+            for failed in self._preflight.restore():
                 # Printed: to be read at any log level.
-                print(f"bridge: {failed}; it stays as it is", file=sys.stderr)
+                print(
+                    f"bridge: {failed}; it stays as it is; give it back with iolspi fly --restore",
+                    file=sys.stderr,
+                )
         if self._link is not None:
             self._link.close()
-        self._link = self._flight = self._runner = None
+        self._link = self._flight = self._runner = self._preflight = None
 
     # ------------------------------------------------------------ out
 
@@ -271,10 +273,6 @@ def _status(
         hardware_id=hardware,
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )
-
-
-def _file_name(settings: LinkSettings) -> str:
-    return re.sub(r"[^0-9A-Za-z.]+", "_", f"{settings.url}_{settings.system}")
 
 
 def _warm_up(task: SlungLoad) -> None:

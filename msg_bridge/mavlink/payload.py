@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.mavlink.envelope import Motion
 from msg_bridge.mavlink.estimator import StateEstimator
-from msg_bridge.mavlink.gripper import Gripper
+from msg_bridge.mavlink.gripper import MOVED, Gripper
 from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import AutopilotProfile
@@ -21,6 +23,15 @@ Array = NDArray[np.float64]
 _LONGEST = 2.0  # that a load is watched after it was let go [s]
 _PATIENCE = 5.0  # before a person is told that no load comes [s]
 _FRESH = 0.2  # a load seen so long after the gripper was shut is the new one [s]
+
+
+class Seen(StrEnum):
+    """What is known of a release, beside that the autopilot said yes."""
+
+    FALL = "the load was seen to fall"
+    OUTPUT = "the output was seen to move, and the rest is the parabola of an estimated swing"
+    ACKNOWLEDGED = "nothing was seen, and all is the parabola of an estimated swing"
+    FAILED = "nothing fell"
 
 
 class PayloadReport(NamedTuple):
@@ -57,6 +68,8 @@ class Payload:
     profile : AutopilotProfile
     settings : FlightSettings
     estimator : StateEstimator
+    output : int, optional
+        Which output of the autopilot, from 1, moves when it lets go: it is watched.
     """
 
     def __init__(
@@ -66,15 +79,20 @@ class Payload:
         profile: AutopilotProfile,
         settings: FlightSettings,
         estimator: StateEstimator,
+        output: int | None = None,
     ) -> None:
         self._task, self._estimator = task, estimator
         self._telemetry = link.telemetry
         self._gripper = Gripper(link, profile, settings)
+        self._output, self._width = output, 0
         self._since = 0.0
         self._released: Array = np.zeros(4)
+        self.releases: Counter[Seen] = Counter()
+        """How often what was seen of a release that was acknowledged, or of one that failed."""
 
     def release(self, motion: Motion, now: float) -> None:
         """Let it go, now."""
+        self._width = self._pulse
         self._gripper.turn(open_it=True, now=now)
         self._since = now
         self._released = np.array([motion.x, motion.speed, motion.swing, motion.swing_rate])
@@ -90,12 +108,33 @@ class Payload:
         if phase is Phase.RELEASE:
             reward = self._reward(now)
             failure = self._failure(now) if reward is None else ""
+            if reward is not None or failure:
+                self.releases[self._seen(failure)] += 1
             return PayloadReport(self._gone, reward, failure)
         if phase is Phase.RELOAD:
             reloaded = self._reloaded(now)
             lacking = "" if reloaded else self._lacking(now)
             return PayloadReport(self._gone, reloaded=reloaded, lacking=lacking)
         return PayloadReport(self._gone)
+
+    def _seen(self, failure: str) -> Seen:
+        """What there is to show that a load fell."""
+        if failure:
+            return Seen.FAILED
+        if self._estimator.feed:
+            return Seen.FALL
+        return Seen.ACKNOWLEDGED if self._output is None else Seen.OUTPUT
+
+    @property
+    def _pulse(self) -> int:
+        """Of the output that is watched [µs]; 0 for none."""
+        outputs, n = self._telemetry.outputs, self._output or 0
+        return outputs[n - 1] if 0 < n <= len(outputs) else 0
+
+    @property
+    def _moved(self) -> bool:
+        """Whether the output has moved since the release, if there is one to watch."""
+        return self._output is None or abs(self._pulse - self._width) >= MOVED
 
     @property
     def _gone(self) -> bool:
@@ -111,7 +150,9 @@ class Payload:
         fall = self._estimator.fall
         if not self._estimator.feed:
             answered = self._gripper.result() is not None and not self._gripper.refusal(now)
-            return float(self._task.step(self._released, RELEASE)[1]) if answered else None
+            if not (answered and self._moved):
+                return None
+            return float(self._task.step(self._released, RELEASE)[1])
         if fall is None or self._estimator.hangs():
             return None
         if fall.landing is None and fall.lowest > fall.plane:
@@ -121,9 +162,12 @@ class Payload:
     def _failure(self, now: float) -> str:
         why = self._gripper.refusal(now)
         if not why and now - self._since > _LONGEST:
-            why = "the load was let go, says the gripper, but it was not seen to fall"
+            what = "it was" if self._estimator.feed else f"output {self._output} was"
+            seen = "fall" if self._estimator.feed else "move"
+            why = f"the load was let go, says the gripper, but {what} not seen to {seen}"
         if why and self._estimator.hangs():
             self._estimator.fall = None
+            self._gripper.turn(open_it=False, now=now)  # it may think that it is open
         return why
 
     def _reloaded(self, now: float) -> bool:

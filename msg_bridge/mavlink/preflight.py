@@ -1,29 +1,30 @@
 """Before anything flies: who is there, what its parameters are, and whether it knows where it is.
 
-Whatever the bridge changes in an autopilot is written down, and taken back at the end; what a
-bridge that was killed could not take back, the next one does.
+Whatever the bridge changes in an autopilot is remembered by the vehicle, and given back after every
+end: of a flight, of a preflight that failed, of a bridge that was killed, then by the next one.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.clock import Clock
 from msg_bridge.mavlink.link import AutopilotLink
-from msg_bridge.mavlink.profiles import AutopilotProfile, ParameterChange
+from msg_bridge.mavlink.memory import Identity, Memory, same
+from msg_bridge.mavlink.parameters import Changed, Loan, ParameterClient
+from msg_bridge.mavlink.profiles import AutopilotProfile
+from msg_bridge.mavlink.release_check import ReleaseCheck, ReleaseProof
 from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
-from msg_bridge.mavlink.telemetry import parameter_value
+from msg_bridge.mavlink.status import Say
 
-_AGAIN = 0.3  # between two requests of the same [s] of wall time
-_ANSWER = 3.0  # for a parameter [s]
-_CLOSE = 1e-5  # relative difference that a float of 32 bits may make
+_AGAIN = 1.0  # between two requests of the same [s] of wall time
+_NEWS = 10.0  # between two words about what is waited for [s] of wall time
+_FIRST = 3.0  # before the first of them [s] of wall time
+_VERSION = 2.0  # for the autopilot to say which one it is [s] of wall time
 _RUN = 2.0  # over which the autopilot's clock is measured [s]
 _TRIES = 3
 _WRONG = 0.25  # relative error of its speed that is no chance
@@ -45,12 +46,19 @@ class Preflight:
     settings : LinkSettings
     flight : FlightSettings
     clock : Clock
-    kept : Path
-        File that remembers the parameters as they were.
+    memory : Memory
+        Of the parameters as they were.
     tell : callable
         Takes each line of the checklist as it is found.
     going_on : callable
         False when it should stop waiting.
+    say : callable
+        Takes words about what does not come.
+
+    Attributes
+    ----------
+    release : ReleaseProof
+        What is known of the release, after `run`.
     """
 
     def __init__(
@@ -59,12 +67,16 @@ class Preflight:
         settings: LinkSettings,
         flight: FlightSettings,
         clock: Clock,
-        kept: Path,
+        memory: Memory,
         tell: Callable[[ChecklistItem], None],
         going_on: Callable[[], bool] = lambda: True,
+        say: Say = lambda level, text: None,
     ) -> None:
         self._link, self._settings, self._flight = link, settings, flight
-        self._clock, self._kept, self._tell, self._going_on = clock, kept, tell, going_on
+        self._clock, self._memory, self._tell = clock, memory, tell
+        self._going_on, self._say = going_on, say
+        self._loan: Loan | None = None
+        self.release = ReleaseProof("")
 
     def run(self) -> AutopilotProfile:
         """Go through the list.
@@ -74,31 +86,40 @@ class Preflight:
         InputError
             At the first line that does not hold: nothing flies then.
         """
-        profile = self._who()
-        self._change(profile)
+        profile, client = self.find()
+        assert self._loan is not None
+        self._loan.take(profile.changes, lambda changed: self._tell(_line(changed)))
         self._wait(
             lambda: self._link.telemetry.ready,
             "position estimate: the autopilot does not know where it is",
-            self._link.ask_rates,
+            lambda: self._link.ask_rates(profile),
         )
         self._tell(ChecklistItem("position estimate", "good"))
-        self._check_clock()
+        self._check_clock(profile)
+        check = ReleaseCheck(client, self._link, self._flight, self._clock, self._listen)
+        self.release = check.run()
+        self._tell(ChecklistItem("release", self.release.text))
         self._check_load()
         return profile
 
-    def restore(self, profile: AutopilotProfile) -> list[str]:
+    def find(self) -> tuple[AutopilotProfile, ParameterClient]:
+        """Only look who is there; nothing is sent but heartbeats and requests.
+
+        Raises
+        ------
+        InputError
+            When it is nobody, or not who is expected.
+        """
+        profile = self._who()
+        vehicle = self._identity(profile)
+        client = ParameterClient(self._link, profile, self._clock, self._listen)
+        self._loan = Loan(client, self._memory, vehicle, self._settings.url)
+        return profile, client
+
+    def restore(self, tell: Callable[[str], None] = lambda text: None) -> list[str]:
         """Give the autopilot its parameters back; what could not be given back."""
         self._going_on = lambda: True  # also when it is a signal that ends the bridge
-        before = self._remembered()
-        failed = []
-        for name, value in before.items():
-            try:
-                self._set(profile, name, value)
-            except InputError as error:
-                failed.append(str(error))
-        if not failed and self._kept.exists():
-            self._kept.unlink()
-        return failed
+        return [] if self._loan is None else self._loan.give_back(tell)
 
     # ------------------------------------------------------------ who is there
 
@@ -118,17 +139,33 @@ class Preflight:
         self._tell(ChecklistItem("signed", signed))
         return profile
 
-    def _wait(self, ready: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
-        """Wait for something, asking for it once a second."""
-        end = self._clock.elapsed() + self._settings.patience
+    def _identity(self, profile: AutopilotProfile) -> Identity:
+        t, end = self._link.telemetry, self._clock.elapsed() + _VERSION
         asked = -math.inf
+        while t.uid is None and (now := self._clock.elapsed()) < end:
+            if now - asked > _AGAIN / 3.0:
+                asked = now
+                self._link.ask_version()
+            self._listen()
+        vehicle = Identity(profile.name, t.system, t.uid or "")
+        number = f"number {t.uid}" if t.uid else "no number of its own"
+        self._tell(ChecklistItem("identity", f"version {t.version or 'unknown'}, {number}"))
+        return vehicle
+
+    def _wait(self, ready: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
+        """Wait for something, asking for it once a second, and saying so now and then."""
+        begin = self._clock.elapsed()
+        asked, said = -math.inf, begin - _NEWS + _FIRST
         while not ready():
             now = self._clock.elapsed()
-            if now > end:
+            if now > begin + self._settings.patience:
                 raise InputError(f"no {what} within {self._settings.patience:g} s{self._why()}")
-            if now - asked > 1.0:
+            if now - asked > _AGAIN:
                 asked = now
                 ask()
+            if now - said > _NEWS:
+                said = now
+                self._say("warning", f"waiting: no {what} yet{self._why()}")
             self._listen()
 
     def _why(self) -> str:
@@ -152,80 +189,26 @@ class Preflight:
         self._link.wait(0.02)
         self._link.poll(self._clock.now())
 
-    # ------------------------------------------------------------ parameters
-
-    def _change(self, profile: AutopilotProfile) -> None:
-        """Set what has to be, after writing down what was."""
-        remembered, before = self._remembered(), {}
-        for change in profile.changes:
-            value, _ = self._read(profile, change.name)
-            # Ours still: a bridge that was killed set it, and wrote down what was before.
-            ours = _same(value, change.value)
-            before[change.name] = remembered.get(change.name, value) if ours else value
-        with atomic_file(self._kept) as file:
-            file.write(json.dumps(before, indent=1).encode() + b"\n")
-        for change in profile.changes:
-            self._set(profile, change.name, change.value)
-            self._tell(self._changed(change, before[change.name]))
-
-    def _changed(self, change: ParameterChange, before: float) -> ChecklistItem:
-        was = "" if _same(before, change.value) else f", was {before:g}"
-        return ChecklistItem(change.name, f"{change.value:g}{was}: {change.why}")
-
-    def _remembered(self) -> dict[str, float]:
-        try:
-            content = json.loads(self._kept.read_text(encoding="utf-8"))
-            return {str(name): float(value) for name, value in content.items()}
-        except (OSError, ValueError, AttributeError, TypeError):
-            return {}
-
-    def _read(self, profile: AutopilotProfile, name: str) -> tuple[float, int]:
-        """Value and type of a parameter."""
-        found = self._answer(name, lambda: self._link.read_parameter(name))
-        if found is None:
-            raise InputError(
-                f"parameter {name} of {profile.name} cannot be read; without it nothing flies"
-            )
-        return parameter_value(profile, *found), found[1]
-
-    def _set(self, profile: AutopilotProfile, name: str, value: float) -> None:
-        present, kind = self._read(profile, name)
-        if _same(present, value):
-            return
-        found = self._answer(name, lambda: self._link.set_parameter(profile, name, value, kind))
-        if found is None or not _same(parameter_value(profile, *found), value):
-            raise InputError(f"parameter {name} of {profile.name} cannot be set to {value:g}")
-
-    def _answer(self, name: str, ask: Callable[[], None]) -> tuple[float, int] | None:
-        self._link.telemetry.parameters.pop(name, None)
-        end = self._clock.elapsed() + _ANSWER
-        asked = -math.inf
-        while (now := self._clock.elapsed()) < end:
-            if name in self._link.telemetry.parameters:
-                return self._link.telemetry.parameters[name]
-            if now - asked > _AGAIN:
-                asked = now
-                ask()
-            self._listen()
-        return None
-
     # ------------------------------------------------------------ clock and load
 
-    def _check_clock(self) -> None:
+    def _check_clock(self, profile: AutopilotProfile) -> None:
         """Whether the autopilot's clock goes as fast as we think.
 
         Measured again when it does not: a busy machine may stall a simulator for a moment.
         """
         factor = self._flight.real_time_factor
-        self._link.ask_rates()
+        self._link.ask_rates(profile)
         for _ in range(_TRIES):
             pace = self._pace()
             if abs(pace / factor - 1.0) < _WRONG:
                 self._tell(ChecklistItem("clock", f"{pace:.2f} times ours"))
                 return
+        if math.isnan(pace):
+            raise InputError(f"the autopilot tells no position, whatever it is asked{self._why()}")
         raise InputError(
-            f"the autopilot's clock goes {pace:.2f} times as fast as ours, but "
-            f"real_time_factor is {factor:g}; allowed: the same; 1.0 for all that really flies"
+            f"the autopilot's clock goes {pace:.2f} times as fast as ours, but {factor:g} is "
+            f"expected; allowed: for a simulator iolspi fly --speed-up {max(round(pace), 1)} "
+            "(real_time_factor of the bridge); for all that really flies 1.0"
         )
 
     def _pace(self) -> float:
@@ -243,13 +226,16 @@ class Preflight:
             )
             return
         t = self._link.telemetry
+        begun = self._clock.now()
         self._wait(
-            lambda: self._clock.now() - t.load_time < 2.0,
-            f"position of the load (system {t.load_system}); load_source: estimate flies without",
+            lambda: t.load_time > begun,
+            f"position of the load, which system {t.load_system} is to report (or fly with an "
+            "estimate: iolspi fly --load estimate, load_source of the bridge)",
             lambda: None,
         )
         self._tell(ChecklistItem("load", f"reported by system {t.load_system}"))
 
 
-def _same(a: float, b: float) -> bool:
-    return abs(a - b) <= _CLOSE * max(abs(a), abs(b))
+def _line(changed: Changed) -> ChecklistItem:
+    was = "" if same(changed.before, changed.value) else f", was {changed.before:g}"
+    return ChecklistItem(changed.name, f"{changed.value:g}{was}: {changed.why}")

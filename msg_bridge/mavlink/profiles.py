@@ -16,11 +16,41 @@ from msg_bridge.mavlink import convert
 
 
 class ParameterChange(NamedTuple):
-    """A parameter of the autopilot that has to have a value while the bridge flies."""
+    """A parameter of the autopilot that has to have a value while the bridge flies.
 
-    name: str
+    It goes by one of `names`, which other versions of the autopilot have for the same.
+    """
+
+    names: tuple[str, ...]
     value: float
     why: str
+
+
+class GripperSetup(NamedTuple):
+    """What an autopilot must have booted with to have a gripper that moves.
+
+    Attributes
+    ----------
+    needs : tuple of (str, tuple of float)
+        Parameters, and the values that do; the first is what to set.
+    outputs : tuple of str
+        Parameters that hold the function of its outputs, from the first one on.
+    function : float
+        Of an output that the gripper is on.
+    usual : str
+        One of `outputs` that is often free.
+    moves_disarmed : bool
+        Whether it is seen to move on the ground.
+    """
+
+    needs: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    outputs: tuple[str, ...] = ()
+    function: float = 0.0
+    usual: str = ""
+    moves_disarmed: bool = False
+
+
+_NO_GRIPPER = GripperSetup()
 
 
 @dataclass(frozen=True)
@@ -47,9 +77,12 @@ class AutopilotProfile:
         Integers travel as their bytes in the float of PARAM_VALUE, not as numbers.
     changes : tuple of ParameterChange
         Made at configure, taken back after.
+    estimator : int
+        Message in which it says whether it knows where it is.
     release : str
         How it lets the load go, unless told otherwise.
-    flies : str
+    gripper : GripperSetup
+    flies_not : str
         Why it cannot be flown over MAVLink; empty when it can.
     """
 
@@ -63,7 +96,9 @@ class AutopilotProfile:
     acceleration: int = int(convert.ACCELERATION)
     integer_bytes: bool = False
     changes: tuple[ParameterChange, ...] = ()
+    estimator: int = dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
     release: str = "gripper"
+    gripper: GripperSetup = _NO_GRIPPER
     flies_not: str = ""
 
     def mode_name(self, custom_mode: int) -> str:
@@ -91,11 +126,18 @@ ARDUPILOT = AutopilotProfile(
     landing=9,
     changes=(
         ParameterChange(
-            "GUID_TIMEOUT", 0.5, "the last acceleration is held for so long when all is lost"
+            ("GUID_TIMEOUT",), 0.5, "the last acceleration is held for so long when all is lost"
         ),
         ParameterChange(
-            "PSC_JERK_XY", 20.0, "with less, quick changes of the acceleration run away"
+            ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK"), 20.0,
+            "with less, quick changes of the acceleration run away",
         ),
+    ),
+    gripper=GripperSetup(
+        needs=(("GRIP_ENABLE", (1.0,)), ("GRIP_TYPE", (1.0, 2.0))),
+        outputs=tuple(f"SERVO{n}_FUNCTION" for n in range(1, 17)), function=28.0,
+        usual="SERVO9_FUNCTION",
+        moves_disarmed=True,
     ),
 )  # fmt: skip
 
@@ -114,9 +156,15 @@ PX4 = AutopilotProfile(
     stream_first=True,
     acceleration=int(convert.ACCELERATION_HEIGHT),
     integer_bytes=True,
+    estimator=dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
     changes=(
-        ParameterChange("COM_OF_LOSS_T", 0.5, "how long it flies on when setpoints stop"),
-        ParameterChange("COM_OBL_RC_ACT", 5, "then it holds its position instead of returning"),
+        ParameterChange(("COM_OF_LOSS_T",), 0.5, "how long it flies on when setpoints stop"),
+        ParameterChange(("COM_OBL_RC_ACT",), 5, "then it holds its position instead of returning"),
+    ),
+    gripper=GripperSetup(
+        needs=(("PD_GRIPPER_EN", (1.0,)),),
+        outputs=tuple(f"PWM_MAIN_FUNC{n}" for n in range(1, 17)), function=430.0,
+        usual="PWM_MAIN_FUNC5",
     ),
 )  # fmt: skip
 

@@ -28,9 +28,15 @@ class FlightSettings(Settings):
         "auto", "how the load is let go; auto for what the autopilot's profile says",
         choices=("auto", "gripper", "servo", "actuator"),
     )  # fmt: skip
-    release_channel: int = setting(9, "servo: its number; actuator: 1 to 6", low=1, high=16)
-    release_open: float = setting(1100.0, "servo: open [µs]; actuator: open, -1.0 to 1.0")
-    release_shut: float = setting(1900.0, "servo: shut [µs]; actuator: shut, -1.0 to 1.0")
+    servo: int = setting(9, "release by servo: its number", low=1, high=16)
+    servo_open: float = setting(1100.0, "so wide a pulse opens it [µs]", low=500.0, high=2500.0)
+    servo_shut: float = setting(1900.0, "and shuts it [µs]", low=500.0, high=2500.0)
+    actuator: int = setting(1, "release by actuator: its number in the first set", low=1, high=6)
+    actuator_open: float = setting(1.0, "this value opens it", low=-1.0, high=1.0)
+    actuator_shut: float = setting(-1.0, "and shuts it", low=-1.0, high=1.0)
+    test_release: bool = setting(
+        True, "open and shut it once before the flight, disarmed on the ground, and look"
+    )
     load_source: str = setting(
         "feed", "the load's position from a system of its own, or estimated from accelerations",
         choices=("feed", "estimate"),
@@ -62,8 +68,8 @@ class LinkSettings(Settings):
 
     url: str = setting(
         "udpin:127.0.0.1:14540",
-        "udpin:ADDRESS:PORT (listen), udpout:ADDRESS:PORT (call), tcp:ADDRESS:PORT or "
-        "serial:DEVICE:BAUD",
+        "udpin:ADDRESS:PORT (listen), udpout:ADDRESS:PORT (call), tcp:ADDRESS:PORT, "
+        "serial:DEVICE:BAUD, or what mavros and MAVSDK call these",
     )
     autopilot: str = setting(
         "auto", "whom to expect there; auto for whoever it says that it is",

@@ -38,6 +38,10 @@ class Telemetry:
     ----------
     system, load_system : int
         Whose messages count; all others are only noted in `strangers`.
+    uid, version : str
+        Of AUTOPILOT_VERSION: its unique number, empty for none, None as long as it was not said.
+    outputs : tuple of int
+        Widths of pulse of its outputs from the first on [µs].
     lost_time : float
         Since when the autopilot has said that it does not know where it is; infinite if it does.
     """
@@ -65,6 +69,9 @@ class Telemetry:
     texts: deque[tuple[float, int, str]] = field(default_factory=lambda: deque(maxlen=50))
     acks: dict[int, tuple[float, int]] = field(default_factory=dict)
     parameters: dict[str, tuple[float, int]] = field(default_factory=dict)
+    uid: str | None = None
+    version: str = ""
+    outputs: tuple[int, ...] = ()
     strangers: dict[int, int] = field(default_factory=dict)
     on_position: Callable[[Array, float], None] | None = None
     on_load: Callable[[], None] | None = None
@@ -176,6 +183,16 @@ class Telemetry:
             name = name.decode("ascii", "replace")
         self.parameters[name.rstrip("\0")] = (message.param_value, int(message.param_type))
 
+    def _version(self, message: Any, now: float) -> None:
+        unique = bytes(message.uid2).rstrip(b"\0") or message.uid.to_bytes(8, "big").lstrip(b"\0")
+        self.uid = unique.hex()
+        parts = message.flight_sw_version.to_bytes(4, "big")
+        self.version = ".".join(map(str, parts[:3])) if any(parts) else ""
+
+    def _servos(self, message: Any, now: float) -> None:
+        if message.port == 0:
+            self.outputs = tuple(getattr(message, f"servo{k}_raw") for k in range(1, 17))
+
     # ------------------------------------------------------------ of the load
 
     def _load_global(self, message: Any, now: float) -> None:
@@ -208,6 +225,8 @@ _OF_VEHICLE: dict[str, Callable[[Telemetry, Any, float], None]] = {
     "STATUSTEXT": Telemetry._text,
     "COMMAND_ACK": Telemetry._ack,
     "PARAM_VALUE": Telemetry._parameter,
+    "AUTOPILOT_VERSION": Telemetry._version,
+    "SERVO_OUTPUT_RAW": Telemetry._servos,
 }
 _OF_LOAD: dict[str, Callable[[Telemetry, Any, float], None]] = {
     "GLOBAL_POSITION_INT": Telemetry._load_global,

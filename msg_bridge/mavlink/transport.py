@@ -8,11 +8,8 @@ import socket
 from typing import Any, Protocol
 
 from iolspi_ros.errors import InputError
+from msg_bridge.mavlink import urls
 
-ALLOWED = (
-    "udpin:127.0.0.1:14540 (listen), udpout:127.0.0.1:14540 (call), tcp:127.0.0.1:5760 or "
-    "serial:/dev/ttyACM0:57600"
-)
 _SIZE = 65_535  # of the largest UDP datagram [bytes]
 
 
@@ -237,20 +234,9 @@ def open_url(url: str) -> Transport:
     InputError
         When it means none, or the address cannot be had.
     """
-    kind, _, rest = url.partition(":")
-    place, _, number = rest.rpartition(":")
-    if kind not in ("udpin", "udpout", "tcp", "serial") or not place or not number.isdigit():
-        raise InputError(f"url is {url!r}; allowed: {ALLOWED}")
-    value = int(number)
+    kind, place, number = urls.parse(url)
     if kind == "serial":
-        return Serial(place, value)
-    if not 0 < value < 65_536:
-        raise InputError(f"url is {url!r}; allowed: a port from 1 to 65535")
+        return Serial(place, number)
     if kind == "tcp":
-        return Tcp(place, value)
-    if place in ("0.0.0.0", "") and kind == "udpin":
-        raise InputError(
-            f"url is {url!r}; allowed: one address of this machine, such as 127.0.0.1, so that "
-            "it is known who may call"
-        )
-    return Udp(place, value, listen=kind == "udpin")
+        return Tcp(place, number)
+    return Udp(place, number, listen=kind == "udpin")

@@ -16,6 +16,8 @@ RECEIVER = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
 
 _SWITCH = (1231, 1361, 1491, 1621, 1750)
 """Widths of pulse from which the mode switch is in its next position [µs]."""
+_JERKS = ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK")
+"""What one parameter is called in one version after the other."""
 _EKF_PATIENCE = 1.0  # [s]
 
 
@@ -24,6 +26,7 @@ class ArduPilot(Commander):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
+        self._jerk = next(name for name in _JERKS if name in self.parameters)
         self.channels = list(RECEIVER)
         self._setpoint_at = self._override_at = -math.inf
         self._climbing = self._station_lost = self._estimator_acted = False
@@ -63,7 +66,7 @@ class ArduPilot(Commander):
         tilt = math.radians(float(value["ANGLE_MAX"]) / 100.0)
         return Gains(
             shaped=True,
-            jerk=(float(value["PSC_JERK_XY"]), float(value["PSC_JERK_Z"])),
+            jerk=(float(value[self._jerk]), float(value["PSC_JERK_Z"])),
             acceleration=(float(value["WPNAV_ACCEL"]) / 100.0, 1.0),
             speed=(float(value["WPNAV_SPEED"]) / 100.0, float(value["WPNAV_SPEED_UP"]) / 100.0,
                    float(value["WPNAV_SPEED_DN"]) / 100.0),

@@ -87,7 +87,7 @@ class Autopilot:
         self.commander = _COMMANDERS[self.firmware.name](
             self.firmware, self.parameters, self.body, self.say
         )
-        self.release = Release(self.parameters, self.body, self.say, self.later, rng)
+        self.release = Release(self.parameters, self.body, self.say, self.later)
         self._inbox = Inbox(self)
         self._load_due = 0.0
         for link in self.links:
@@ -118,7 +118,7 @@ class Autopilot:
     @property
     def system(self) -> int:
         """Its number on the wire."""
-        name = "MAV_SYS_ID" if "MAV_SYS_ID" in self.parameters else "SYSID_THISMAV"
+        name = "MAV_SYS_ID" if "MAV_SYS_ID" in self.parameters else "MAV_SYSID"
         return int(self.parameters[name])
 
     # ------------------------------------------------------------ in

@@ -38,6 +38,7 @@ class Result(IntEnum):
     UNSUPPORTED = 3
     FAILED = 4
     IN_PROGRESS = 5
+    CANCELLED = 6
 
 
 def spot(

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_nodes.autopilot import setpoints, telemetry
 from sim_nodes.autopilot.ardupilot import ArduPilot
-from sim_nodes.autopilot.commander import CRITICAL, FORCE, Result
+from sim_nodes.autopilot.commander import CRITICAL, FORCE, INFO, Result
 from sim_nodes.autopilot.connection import Connection
 from sim_nodes.autopilot.firmware import Mode
 from sim_nodes.autopilot.onboard import Onboard
@@ -65,7 +65,7 @@ class Inbox:
     def _is_station(self, message: Any) -> bool:
         """ArduCopter knows its ground station by its number, PX4 by its type."""
         if isinstance(self._a.commander, ArduPilot):
-            return bool(message.get_srcSystem() == self._a.parameters["SYSID_MYGCS"])
+            return bool(message.get_srcSystem() == self._a.parameters["MAV_GCS_SYSID"])
         return bool(message.type == mavlink.MAV_TYPE_GCS)
 
     def _setpoint(self, message: Any, link: Connection) -> None:
@@ -151,9 +151,9 @@ class Inbox:
     def _land(self, m: Any, link: Connection, _: Any) -> Result:
         return Result.ACCEPTED if self._a.commander.set_mode(Mode.LAND) else Result.FAILED
 
-    def _gripper(self, m: Any, link: Connection, answer: Any) -> Result:
+    def _gripper(self, m: Any, link: Connection, answer: Any) -> Result | None:
         if isinstance(self._a.commander, Px4):
-            return self._a.release.gripper_of_px4(_whole(m.param2), answer)
+            return self._a.release.gripper_of_px4(_whole(m.param2), answer, self._a.commander.armed)
         return self._a.release.gripper_of_ardupilot(_whole(m.param2))
 
     def _servo(self, m: Any, link: Connection, _: Any) -> Result:
@@ -180,7 +180,10 @@ class Inbox:
 
     def _interval(self, m: Any, link: Connection, _: Any) -> Result:
         name = telemetry.NAMES.get(_whole(m.param1))
-        if name is None:
+        if name is None or name in self._a.firmware.lacks:
+            if isinstance(self._a.commander, ArduPilot):  # its simulator does
+                self._a.say(INFO, f"No ap_message for mavlink id ({_whole(m.param1)})")
+                return Result.DENIED
             return Result.FAILED
         if name == "HEARTBEAT" and self._a.firmware.fixed_heartbeat:
             return Result.ACCEPTED

@@ -46,6 +46,7 @@ class Firmware:
     any_component: bool  # takes commands for any component id
     spool_up: float  # [s] from the start of a take-off until it lifts
     load_drag: float = 0.02  # [1/s]
+    lacks: tuple[str, ...] = ()  # messages that it cannot be asked for
 
 
 SIMULATION: dict[str, Value] = {
@@ -60,6 +61,7 @@ SIMULATION: dict[str, Value] = {
     "SIM_CLOCK_JUMP": 0.0,  # set to let the clock jump by so much [s]
     "SIM_EKF_FAIL": 0,  # 1: the estimator loses its position
     "SIM_GRIP_FAIL": 0,  # 1: the gripper refuses; 2: it says yes and stays shut
+    "SIM_UID": 0,  # that it says it has; 0 for none
     "SIM_LOAD_LEN": 1.0,  # length of the cable [m]; from boot on
     "SIM_LOAD_MASS": 0.1,  # [kg]; from boot on
 }
@@ -70,8 +72,9 @@ LIMITS: dict[str, tuple[float, float]] = {
     "SIM_WIND_TURB": (0.0, 10.0), "SIM_NOISE": (0.0, 10.0), "SIM_DELAY": (0.0, 10.0),
     "SIM_LOSS": (0.0, 1.0), "SIM_CUT": (0.0, 3600.0), "SIM_CLOCK_JUMP": (-1e6, 1e6),
     "SIM_LOAD_LEN": (0.1, 20.0), "SIM_LOAD_MASS": (1e-6, 1.0), "SIM_LOAD_RATE": (0.0, 100.0),
-    "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "SYSID_THISMAV": (1, 255),
+    "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "MAV_SYSID": (1, 255),
     "ANGLE_MAX": (1000, 8000), "MPC_TILTMAX_AIR": (20.0, 89.0), "PSC_JERK_XY": (1.0, 50.0),
+    "PSC_JERK_NE": (1.0, 50.0), "PSC_NE_JERK": (1.0, 50.0),
     "PSC_JERK_Z": (1.0, 50.0), "WPNAV_ACCEL": (50.0, 500.0), "WPNAV_SPEED": (20.0, 2000.0),
     "WPNAV_SPEED_UP": (10.0, 1000.0), "WPNAV_SPEED_DN": (10.0, 500.0), "GRIP_GRAB": (1000, 2000),
     "GRIP_RELEASE": (1000, 2000), "GRIP_NEUTRAL": (1000, 2000),
@@ -95,7 +98,8 @@ PX4 = Firmware(
         "COM_DL_LOSS_T": 10, "NAV_DLL_ACT": 0, "COM_DISARM_PRFLT": 10.0, "COM_DISARM_LAND": 2.0,
         "MIS_TAKEOFF_ALT": 2.5, "MPC_XY_VEL_MAX": 12.0, "MPC_Z_VEL_MAX_UP": 3.0,
         "MPC_Z_VEL_MAX_DN": 1.5, "MPC_XY_CRUISE": 5.0, "MPC_TKO_SPEED": 1.5, "MPC_LAND_SPEED": 0.7,
-        "MPC_TILTMAX_AIR": 45.0, "RTL_RETURN_ALT": 60.0, "RTL_MIN_DIST": 10.0, "PD_GRIPPER_EN": 1,
+        "MPC_TILTMAX_AIR": 45.0, "RTL_RETURN_ALT": 60.0, "RTL_MIN_DIST": 10.0, "PD_GRIPPER_EN": 0,
+        "PD_GRIPPER_TO": 3.0, "PWM_MAIN_FUNC5": 0,
         "MAV_SYS_ID": 1, "MAV_COMP_ID": 1, "SYS_AUTOSTART": 4001,
         "SIM_DRAG": 0.3,  # with it 2 m/s asked for are 1.64, without 2.13: measured
         "SIM_LOAD_RATE": 0.0,  # it has no load of its own: set to 10 for a feed from outside
@@ -131,8 +135,9 @@ ARDUPILOT = Firmware(
         "WPNAV_ACCEL": 250.0, "LAND_SPEED": 50, "RTL_ALT": 1500, "DISARM_DELAY": 10,
         "ARMING_CHECK": 1, "FS_GCS_ENABLE": 0, "FS_GCS_TIMEOUT": 5.0, "FS_EKF_ACTION": 1,
         "RC_OVERRIDE_TIME": 3.0, "FLTMODE1": 9, "FLTMODE2": 9, "FLTMODE3": 6, "FLTMODE4": 4,
-        "FLTMODE5": 5, "FLTMODE6": 0, "GRIP_ENABLE": 0, "GRIP_GRAB": 1900, "GRIP_RELEASE": 1100,
-        "GRIP_NEUTRAL": 1500, "SERVO9_FUNCTION": 0, "SYSID_THISMAV": 1, "SYSID_MYGCS": 255,
+        "FLTMODE5": 5, "FLTMODE6": 0, "GRIP_ENABLE": 0, "GRIP_TYPE": 0,
+        "GRIP_GRAB": 1900, "GRIP_RELEASE": 1100,
+        "GRIP_NEUTRAL": 1500, "SERVO9_FUNCTION": 0, "MAV_SYSID": 1, "MAV_GCS_SYSID": 255,
         "SIM_DRAG": 0.1,  # chosen; its speed controller makes up for it
         "SIM_LOAD_RATE": 10.0,  # measured
     },
@@ -146,8 +151,15 @@ ARDUPILOT = Firmware(
     },
     fixed_heartbeat=False,
     any_component=True,  # measured
+    lacks=("ESTIMATOR_STATUS",),  # measured
     spool_up=0.8,  # with it a take-off to 5 m takes the measured 5.3 s
 )  # fmt: skip
+
+WITH_GRIPPER: dict[str, dict[str, float]] = {
+    "px4": {"PD_GRIPPER_EN": 1, "PWM_MAIN_FUNC5": 430},
+    "ardupilot": {"GRIP_ENABLE": 1, "GRIP_TYPE": 1, "SERVO9_FUNCTION": 28},
+}
+"""What each must have booted with to have a gripper whose output is seen to move; measured."""
 
 FIRMWARES = {firmware.name: firmware for firmware in (PX4, ARDUPILOT)}
 

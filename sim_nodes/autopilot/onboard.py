@@ -19,6 +19,7 @@ class State(Protocol):
     body: Body
     commander: Commander
     release: Release
+    parameters: Parameters
 
     @property
     def microseconds(self) -> int:
@@ -38,8 +39,6 @@ class State(Protocol):
 
 class Onboard(State, Protocol):
     """What it can be told to do: `commands` does it."""
-
-    parameters: Parameters
 
     @property
     def now(self) -> float:

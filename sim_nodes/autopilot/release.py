@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from sim_nodes.autopilot.body import Body
 from sim_nodes.autopilot.commander import INFO, Result
 from sim_nodes.autopilot.parameters import Parameters
 
-_GRIPPER_FUNCTION = 28
-_GRIPPER_CHANNEL = 9
+_GRIPPER_FUNCTION = {"ardupilot": 28, "px4": 430}
+_GRIPPER_CHANNEL = {"ardupilot": 9, "px4": 5}
+_SERVO_GRIPPER = 1  # of GRIP_TYPE
 _NEAR = 100  # of a width of pulse that moves it [µs]; chosen
 _MOVES_AFTER = 0.03  # a pulse has changed [s]; measured: within 0.05 s
 _SAID_AFTER = 0.56  # measured [s]
@@ -32,8 +31,6 @@ class Release:
         Takes a severity and a text.
     later : callable
         Takes a time from now [s] and what to do then.
-    rng : numpy.random.Generator
-        Draws how long the answer takes where it was seen to vary.
     """
 
     def __init__(
@@ -42,15 +39,27 @@ class Release:
         body: Body,
         say: Callable[[int, str], None],
         later: Later,
-        rng: np.random.Generator,
     ) -> None:
         self._parameters, self._body, self._say = parameters, body, say
-        self._later, self._rng = later, rng
+        self._later = later
         self.servos = [0] * 12
         """Widths of pulse of channels 5 to 16 [µs]."""
-        self._enabled = bool(parameters["GRIP_ENABLE"]) if "GRIP_ENABLE" in parameters else True
-        if "GRIP_GRAB" in parameters and self._enabled:
-            self._pulse(_GRIPPER_CHANNEL, int(parameters["GRIP_GRAB"]))
+        self._grabs: bool | None = True
+        self._doing: tuple[int, Callable[[Result], None]] | None = None
+        self._works = self._worked_at_boot()
+        if "GRIP_NEUTRAL" in parameters and self._works:
+            self._pulse(_GRIPPER_CHANNEL["ardupilot"], int(parameters["GRIP_NEUTRAL"]))
+
+    def _worked_at_boot(self) -> bool:
+        """Whether there is a gripper: what was set since the boot does not count."""
+        value = self._parameters
+        if "PD_GRIPPER_EN" in value:
+            return bool(value["PD_GRIPPER_EN"])
+        return bool(
+            value["GRIP_ENABLE"]
+            and value["GRIP_TYPE"] == _SERVO_GRIPPER
+            and value["SERVO9_FUNCTION"] == _GRIPPER_FUNCTION["ardupilot"]
+        )
 
     def _set(self, opens: bool) -> None:
         if self._parameters["SIM_GRIP_FAIL"] != 2:
@@ -60,16 +69,19 @@ class Release:
         self.servos[channel - 5] = width
 
     def gripper_of_ardupilot(self, action: int) -> Result:
-        """DO_GRIPPER: enabled and not yet booted with it, it says yes and does nothing."""
+        """DO_GRIPPER: with no gripper of a type that it booted with it says yes, and does nothing.
+
+        Measured: without `GRIP_TYPE`, and without a restart, it was just so.
+        """
         wanted = {0: "GRIP_RELEASE", 1: "GRIP_GRAB"}.get(action)
         refuses = self._parameters["SIM_GRIP_FAIL"] == 1
         if wanted is None or refuses or not self._parameters["GRIP_ENABLE"]:
             return Result.FAILED
-        if not self._enabled or self._parameters["SERVO9_FUNCTION"] != _GRIPPER_FUNCTION:
+        if not self._works:
             return Result.ACCEPTED
 
         def move() -> None:
-            self._pulse(_GRIPPER_CHANNEL, int(self._parameters[wanted]))
+            self._pulse(_GRIPPER_CHANNEL["ardupilot"], int(self._parameters[wanted]))
             self._set(action == 0)
 
         done = "released" if action == 0 else "grabbed"
@@ -83,22 +95,50 @@ class Release:
             return Result.FAILED
         if 0 <= width <= 65535:
             self._pulse(channel, int(width))
-        if channel == _GRIPPER_CHANNEL:
+        if channel == _GRIPPER_CHANNEL["ardupilot"]:
             opens = abs(width - self._parameters["GRIP_RELEASE"]) <= _NEAR
             if opens or abs(width - self._parameters["GRIP_GRAB"]) <= _NEAR:
                 self._later(_MOVES_AFTER, lambda: self._set(opens))
         return Result.ACCEPTED
 
-    def gripper_of_px4(self, action: int, answer: Callable[[Result], None]) -> Result:
-        """DO_GRIPPER: in progress at once, done after more than a second, moved or not."""
+    def gripper_of_px4(
+        self, action: int, answer: Callable[[Result], None], armed: bool
+    ) -> Result | None:
+        """DO_GRIPPER: nothing that it did not boot with answers; else by what it is doing.
+
+        In progress at once, and done after `PD_GRIPPER_TO`, moved or not: measured. What is asked
+        for meanwhile is answered as in its source (`payload_deliverer.cpp`): the same is rejected,
+        the opposite cancels it. An output with the gripper's function moves while it is armed.
+        """
+        if not self._works:
+            return None
         if action not in (0, 1):
             return Result.DENIED
         if self._parameters["SIM_GRIP_FAIL"] == 1:
             return Result.FAILED
-        self._later(_MOVES_AFTER, lambda: self._set(action == 0))
-        took = float(self._rng.uniform(1.0, 1.5))  # measured
-        self._later(took, lambda: answer(Result.ACCEPTED))
+        grabs = bool(action)
+        if self._doing is not None:
+            if self._doing[0] == action:
+                return Result.TEMPORARILY_REJECTED
+            self._doing[1](Result.CANCELLED)
+        elif self._grabs == grabs:
+            return Result.ACCEPTED
+        doing = (action, answer)
+        self._doing, self._grabs = doing, None
+
+        def done() -> None:
+            if self._doing is doing:
+                self._doing, self._grabs = None, grabs
+                answer(Result.ACCEPTED)
+
+        self._later(_MOVES_AFTER, lambda: self._turn(grabs, armed))
+        self._later(float(self._parameters["PD_GRIPPER_TO"]), done)
         return Result.IN_PROGRESS
+
+    def _turn(self, grabs: bool, armed: bool) -> None:
+        if self._parameters["PWM_MAIN_FUNC5"] == _GRIPPER_FUNCTION["px4"] and armed:
+            self._pulse(_GRIPPER_CHANNEL["px4"], 2000 if grabs else 1000)
+        self._set(not grabs)
 
     def actuator_of_px4(self, value: float) -> Result:
         """DO_SET_ACTUATOR, the first of its first set: open from 0.5 on, shut up to -0.5."""

@@ -182,8 +182,10 @@ def _version(a: State) -> Any:
             else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         )
     )
-    none = [0] * 8
-    return mavlink.MAVLink_autopilot_version_message(capable, 0, 0, 0, 0, none, none, none, 0, 0, 1)
+    none, unique = [0] * 8, int(a.parameters["SIM_UID"])
+    return mavlink.MAVLink_autopilot_version_message(
+        capable, 0, 0, 0, 0, none, none, none, 0, 0, unique
+    )
 
 
 BUILDERS: dict[str, Callable[[State], Any]] = {
