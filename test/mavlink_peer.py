@@ -19,7 +19,9 @@ class Peer:
         firmware = find_firmware(like)
         if ready_after is not None:
             firmware = dataclasses.replace(firmware, ready_after=ready_after)
-        self.autopilot = share or Autopilot(firmware, **settings)
+        # Its figures are compared with what was measured: without the estimate's own error.
+        known = {"SIM_WANDER": 0.0} | (settings.pop("parameters", None) or {})
+        self.autopilot = share or Autopilot(firmware, known, **settings)
         self.link = self.autopilot.connect()
         self.mav = mavlink.MAVLink(None, system, 190)
         self.mav.robust_parsing = True

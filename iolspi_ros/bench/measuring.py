@@ -10,8 +10,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from iolspi_ros.bench.stand import HEIGHT, Stand
-from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import profiles
+from msg_bridge.mavlink.parameters import ParameterClient
 from msg_bridge.mavlink.setpoints import AccelerationSetpoint, Setpoint, VelocitySetpoint
 from sim_nodes.autopilot.figures import Figure
 
@@ -32,6 +32,7 @@ REPEATED = 3
 _UNASKED = 10.0  # of listening [s]
 _HOVER = 25.0  # of hovering [s]
 _HIGH = 15.0  # to lose height from [m]
+_AT_REST = 0.25  # [m/s]
 _ARRIVED = 4.6  # height at which a take-off is over [m]
 _HOLD = {"ardupilot": 5, "px4": profiles.px4_mode(4, 3)}  # LOITER, HOLD
 _ARM, _GRIPPER = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_GRIPPER
@@ -69,7 +70,8 @@ def measure(stand: Stand, tell: Callable[[str], None], repeated: int = REPEATED)
     add(unasked(stand))
     _ask(stand)
     tell("parameters")
-    before = _change(stand)
+    client = ParameterClient(stand.link, stand.profile, stand.clock, lambda: stand.listen(0.02))
+    before = _change(client)
     try:
         tell("gripper, on the ground")
         add(gripper(stand))
@@ -92,7 +94,7 @@ def measure(stand: Stand, tell: Callable[[str], None], repeated: int = REPEATED)
         add(land(stand))
     finally:
         for name, value in before.items():
-            _set(stand, name, value)
+            client.set(name, value)
     return found
 
 
@@ -118,7 +120,7 @@ def unasked(stand: Stand) -> dict[str, float]:
 
 
 def _ask(stand: Stand) -> None:
-    stand.link.ask_rates()
+    stand.link.ask_rates(stand.profile)
     for message, rate in ((dialect.MAVLINK_MSG_ID_ATTITUDE, 50.0), (_SERVOS, 50.0),
                           (dialect.MAVLINK_MSG_ID_SYS_STATUS, 10.0)):  # fmt: skip
         stand.interval(message, rate)
@@ -315,16 +317,20 @@ def reach(stand: Stand, speed: float) -> None:
 
 
 def _silence(stand: Stand, name: str) -> dict[str, float]:
-    """How far it flies on [m], how fast [m/s], and when it begins to brake [s]."""
+    """How far it flies on until it rests [m], how fast [m/s], and when it has begun to brake [s].
+
+    At rest is below 0.25 m/s: an estimate that strays moves the vehicle for ever.
+    """
     begun = stand.ears.position[0]
     seen = stand.fly(7.0, None)
     speed, time = _smooth(seen.velocity[:, 0]), seen.time[2:-2]
-    peak = float(speed.max())
-    late = (speed < 0.9 * peak) & (time > time[int(speed.argmax())])
+    top = int(speed.argmax())
+    rest = top + int(np.argmax(speed[top:] < _AT_REST))
+    braked = top + int(np.argmax(speed[top:] < 0.9 * speed[top]))
     return {
-        f"{name} way": float(seen.position[:, 0].max() - begun),
-        f"{name} peak": peak,
-        f"{name} brakes": _first(time, late),
+        f"{name} way": float(seen.position[2:-2][rest, 0] - begun),
+        f"{name} peak": float(speed[top]),
+        f"{name} brakes": float(time[braked]),
     }
 
 
@@ -366,32 +372,14 @@ def land(stand: Stand) -> dict[str, float]:
 # ---------------------------------------------------------------- parameters
 
 
-_ALIASES = {"PSC_JERK_XY": ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK")}
-
-
-def _change(stand: Stand) -> dict[str, float]:
-    """What the bridge sets while it flies; gives the parameters that were, by their name."""
+def _change(client: ParameterClient) -> dict[str, float]:
+    """Set what the bridge sets while it flies; the values that were, by the names they have."""
     before: dict[str, float] = {}
-    for change in stand.profile.changes:
-        for name in _ALIASES.get(change.name, (change.name,)):
-            value = stand.parameter(name)
-            if value is not None:
-                break
-        else:
-            raise InputError(f"it has no parameter {change.name}; nothing flies")
-        before[name] = value
-        _set(stand, name, change.value)
+    for change in client.profile.changes:
+        name, before_it = client.first(change.names)
+        before[name] = before_it
+        client.set(name, change.value)
     return before
-
-
-def _set(stand: Stand, name: str, value: float) -> None:
-    for _ in range(3):
-        if stand.parameter(name) is not None:
-            stand.link.set_parameter(stand.profile, name, value, stand.ears.parameters[name][1])
-            found = stand.parameter(name)
-            if found is not None and math.isclose(found, value, rel_tol=1e-5):
-                return
-    raise InputError(f"parameter {name} could not be set to {value:g}")
 
 
 # ---------------------------------------------------------------- what it comes to

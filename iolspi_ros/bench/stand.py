@@ -21,7 +21,7 @@ from msg_bridge.mavlink.clock import Clock
 from msg_bridge.mavlink.convert import Track, local_position, tilt
 from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.setpoints import PositionSetpoint, Setpoint, packet
-from msg_bridge.mavlink.telemetry import Telemetry, parameter_value
+from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import Transport
 
 Array = NDArray[np.float64]
@@ -200,16 +200,3 @@ class Stand:
     def interval(self, message: int, rate: float) -> None:
         """Ask for a message [Hz]."""
         self.link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
-
-    def parameter(self, name: str) -> float | None:
-        """A parameter's value, None when it has none of that name."""
-        found = self.ears.parameters
-        found.pop(name, None)
-        for _ in range(3):
-            self.link.read_parameter(name)
-            end = self.clock.now() + 0.7
-            while name not in found and self.clock.now() < end:
-                self.listen(0.02)
-            if name in found:
-                return parameter_value(self.profile, *found[name])
-        return None

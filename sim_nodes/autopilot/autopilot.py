@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_nodes.autopilot import telemetry
@@ -26,11 +27,16 @@ from sim_nodes.autopilot.parameters import Parameters
 from sim_nodes.autopilot.px4 import Px4
 from sim_nodes.autopilot.release import Release
 
+Array = NDArray[np.float64]
+
 TICK = 0.005
 """Time in which it decides once [s]."""
 
 LOAD_SYSTEM, LOAD_COMPONENT = 2, 35
 """Who the load is on the wire: as ArduPilot's simulated payload."""
+
+_WANDER_UP = 0.5
+"""Share of the horizontal that an estimate strays vertically; measured on PX4."""
 
 _COMMANDERS: dict[str, type[Commander]] = {"px4": Px4, "ardupilot": ArduPilot}
 
@@ -179,7 +185,7 @@ class Autopilot:
     def _tick(self) -> None:
         self._ticks += 1
         self._ticks_ever += 1
-        now, value = self.now, self.parameters
+        now = self.now
         self._update_channel()
         for link in self.links:
             for message in link.arrived(now):
@@ -187,12 +193,19 @@ class Autopilot:
         while self._actions and self._actions[0][0] <= now:
             heapq.heappop(self._actions)[2]()
         self.commander.tick(now)
-        self.body.believe(float(value["SIM_NOISE"]), self.commander.drift, TICK)
+        self.body.believe(self._deviation(), self.commander.drift, TICK)
         target, motors, level = self.commander.steer()
         self.body.move(target, self.commander.gains(), motors, level, self._wind(), TICK)
         for link in self.links:
             self._tell(link)
         self._tell_of_load()
+
+    def _deviation(self) -> Array:
+        """Of the estimate's position and velocity: its own, in flight, and what a test adds."""
+        added = float(self.parameters["SIM_NOISE"]) * np.array([[1.0], [0.5]])
+        wander = float(self.parameters["SIM_WANDER"]) * self.commander.airborne
+        own = wander * np.outer(self.firmware.wander, (1.0, 1.0, _WANDER_UP))
+        return np.hypot(own, added)
 
     def _wind(self) -> Any:
         speed = float(self.parameters["SIM_WIND_SPD"])
