@@ -77,12 +77,22 @@ class Stepped:
     seed : int
     key : bytes, optional
         Of the autopilot's signatures.
+    ready_after : float, optional
+        From boot until it can be armed [s]; None for as long as the real one.
     """
 
     def __init__(
-        self, like: str, values: dict[str, float], seed: int = 0, key: bytes | None = None
+        self,
+        like: str,
+        values: dict[str, float],
+        seed: int = 0,
+        key: bytes | None = None,
+        *,
+        ready_after: float | None = READY_AFTER,
     ) -> None:
-        firmware = dataclasses.replace(find_firmware(like), ready_after=READY_AFTER)
+        firmware = find_firmware(like)
+        if ready_after is not None:
+            firmware = dataclasses.replace(firmware, ready_after=ready_after)
         epoch = {} if key is None else {"epoch": time.time()}  # whose stamps are compared
         self.autopilot = Autopilot(firmware, values, seed, key=key, **epoch)
         self.clock = SteppedClock()

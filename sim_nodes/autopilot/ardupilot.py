@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from sim_nodes.autopilot.commander import INFO, WARNING, Commander, Result, spot
-from sim_nodes.autopilot.control import HAS_POSITION, Gains, Target
+from sim_nodes.autopilot.control import HAS_POSITION, HAS_VELOCITY, Gains, Target
 from sim_nodes.autopilot.firmware import Mode
 
 RECEIVER = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
@@ -19,6 +19,7 @@ _SWITCH = (1231, 1361, 1491, 1621, 1750)
 _JERKS = ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK")
 """What one parameter is called in one version after the other."""
 _EKF_PATIENCE = 1.0  # [s]
+_DEAD_STICK = 0.2  # of the throttle, to both sides
 
 
 class ArduPilot(Commander):
@@ -67,7 +68,7 @@ class ArduPilot(Commander):
         stopping = self.firmware.stopping if self._late else math.inf
         return Gains(
             shaped=True,
-            jerk=(float(value[self._jerk]), float(value["PSC_JERK_Z"])),
+            jerk=(self._most_jerk, float(value["PSC_JERK_Z"])),
             acceleration=(min(float(value["WPNAV_ACCEL"]) / 100.0, stopping), 1.0),
             speed=(float(value["WPNAV_SPEED"]) / 100.0, float(value["WPNAV_SPEED_UP"]) / 100.0,
                    float(value["WPNAV_SPEED_DN"]) / 100.0),
@@ -81,6 +82,18 @@ class ArduPilot(Commander):
             push=0.71 * self.body.frame.g * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
+
+    @property
+    def _most_jerk(self) -> float:
+        """Of the horizontal [m/s³]: never more than half the root of acceleration times snap.
+
+        So in its source (AC_PosControl, `set_max_speed_accel_NE_m`), and so it flies: 10.8 m/s³
+        with its defaults, whatever more is asked for.
+        """
+        turning = math.radians(float(self.parameters["ATC_ACCEL_P_MAX"]) / 100.0)
+        snap = turning * self.body.frame.g
+        able = 0.5 * math.sqrt(float(self.parameters["WPNAV_ACCEL"]) / 100.0 * snap)
+        return min(float(self.parameters[self._jerk]), able)
 
     @property
     def _late(self) -> bool:
@@ -166,6 +179,14 @@ class ArduPilot(Commander):
             rate = math.radians(202.5) * turn / 400.0
             return self.target._replace(yaw=math.nan, yaw_rate=rate)
         return self.target
+
+    def _hold(self) -> Target:
+        """In LOITER the throttle is obeyed: the simulator's, which nobody holds, is down."""
+        target = super()._hold()
+        stick = (self.channels[2] - 1500) / 500.0
+        if self.mode is Mode.HOLD and abs(stick) > _DEAD_STICK and self.airborne:
+            target.use[2], target.values[1, 2] = HAS_VELOCITY, -self.firmware.stick_speed * stick
+        return target
 
     def _land_speed(self) -> float:
         return float(self.parameters["LAND_SPEED"]) / 100.0

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_nodes.autopilot import telemetry
@@ -26,11 +27,16 @@ from sim_nodes.autopilot.parameters import Parameters
 from sim_nodes.autopilot.px4 import Px4
 from sim_nodes.autopilot.release import Release
 
+Array = NDArray[np.float64]
+
 TICK = 0.005
 """Time in which it decides once [s]."""
 
 LOAD_SYSTEM, LOAD_COMPONENT = 2, 35
 """Who the load is on the wire: as ArduPilot's simulated payload."""
+
+_WANDER_UP = 0.5
+"""Share of the horizontal that an estimate strays vertically; measured on PX4."""
 
 _COMMANDERS: dict[str, type[Commander]] = {"px4": Px4, "ardupilot": ArduPilot}
 
@@ -194,12 +200,12 @@ class Autopilot:
             self._tell(link)
         self._tell_of_load()
 
-    def _deviation(self) -> tuple[float, float]:
-        """Of the estimate: its own, in flight, and what a test adds."""
-        added = float(self.parameters["SIM_NOISE"])
+    def _deviation(self) -> Array:
+        """Of the estimate's position and velocity: its own, in flight, and what a test adds."""
+        added = float(self.parameters["SIM_NOISE"]) * np.array([[1.0], [0.5]])
         wander = float(self.parameters["SIM_WANDER"]) * self.commander.airborne
-        own, own_speed = self.firmware.wander
-        return math.hypot(wander * own, added), math.hypot(wander * own_speed, 0.5 * added)
+        own = wander * np.outer(self.firmware.wander, (1.0, 1.0, _WANDER_UP))
+        return np.hypot(own, added)
 
     def _wind(self) -> Any:
         speed = float(self.parameters["SIM_WIND_SPD"])

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 STEP = 0.0025
 """Of the motion [s]."""
-_MEMORY = 1.0  # time over which the error of the estimate and the gusts forget [s]
+_MEMORY = 1.5  # time over which the error of the estimate and the gusts forget [s]
 _HARD = 2.5  # contact with the ground that breaks things [m/s]
 
 
@@ -125,12 +125,12 @@ class Body:
         self.broken = self.broken or impact > _HARD
         self.landed = self.state[2] >= 0.0
 
-    def believe(self, deviation: tuple[float, float], drift: Array, dt: float) -> None:
+    def believe(self, deviation: Array, drift: Array, dt: float) -> None:
         """Let the estimate err.
 
         Parameters
         ----------
-        deviation : (float, float)
+        deviation : ndarray of shape (2, 3)
             Standard deviations of position [m] and velocity [m/s].
         drift : ndarray of shape (3,)
             Speed with which it runs away [m/s], where it is lost.
@@ -140,8 +140,8 @@ class Body:
         if drift.any():
             self.error[0] += drift * dt
             self.error[1] = drift
-        elif any(deviation):
-            self.error = self._forget(self.error, np.array(deviation)[:, None], dt)
+        elif deviation.any():
+            self.error = self._forget(self.error, deviation, dt)
         elif self.error.any():
             self.error = np.zeros((2, 3))
 

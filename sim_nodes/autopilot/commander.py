@@ -256,7 +256,8 @@ class Commander:
 
     def _climb(self) -> Target | None:
         """To `_height`, straight up; stages: motors spool up, climb, arrived."""
-        if self.now - self._mode_since < self.firmware.spool_up and self._stage == 0:
+        allowed = max(self._mode_since, self._armed_at + self.firmware.arming_delay)
+        if self.now - allowed < self.firmware.spool_up and self._stage == 0:
             return None
         if self._stage == 0:
             self._stage = 1

@@ -109,25 +109,21 @@ def follow(
     if gains.shaped:
         shape(reference, axis, use, values, gains, dt)
         goal, ahead, push = reference[0, axis], reference[1, axis], reference[2, axis]
-        corrected = True
     else:
         reference[:, axis] = position[axis], velocity[axis], 0.0
         goal, ahead = values[0, axis], values[1, axis] if use & HAS_VELOCITY else 0.0
         push = values[2, axis] if use & HAS_ACCELERATION else 0.0
-        corrected = use & HAS_POSITION != 0
         if not use & (HAS_POSITION | HAS_VELOCITY):
+            integral[axis] = 0.0
             return push + (gains.lift_error if axis == 2 else 0.0)
-        if not corrected:
+        if not use & HAS_POSITION:
             goal = position[axis]
             if axis < 2:
                 ahead = clip(ahead * gains.velocity_scale, -gains.top_speed, gains.top_speed)
     wanted = gains.position[kind] * (goal - position[axis])
     up, down = gains.speed[kind], gains.speed[2 if axis == 2 else 0]
     error = clip(wanted, -up, down) + ahead - velocity[axis]
-    if corrected:
-        integral[axis] = clip(integral[axis] + gains.integral[kind] * error * dt, -3.0, 3.0)
-    else:
-        integral[axis] = 0.0
+    integral[axis] = clip(integral[axis] + gains.integral[kind] * error * dt, -3.0, 3.0)
     return push + gains.velocity[kind] * error + integral[axis]
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from iolspi_ros.errors import InputError
+from sim_nodes.autopilot.figures import FIGURES, UNASKED
 
 
 class Mode(Enum):
@@ -46,9 +47,12 @@ class Firmware:
     fixed_heartbeat: bool  # stays at 1 Hz whatever is asked
     any_component: bool  # takes commands for any component id
     spool_up: float  # [s] from the start of a take-off until it lifts
+    arming_delay: float  # [s] after arming during which no take-off begins
     wander: tuple[float, float]  # of the estimate in flight: position [m], velocity [m/s]
+    notice: float = 0.1  # until the loss of something is acted on, beside its time-out [s]
     stopping: float = math.inf  # with which it stops when setpoints do, at most [m/s^2]
     load_drag: float = 0.02  # [1/s]
+    stick_speed: float = 0.0  # at which it climbs or sinks by its own stick [m/s]
     lacks: tuple[str, ...] = ()  # messages that it cannot be asked for
 
 
@@ -73,14 +77,15 @@ SIMULATION: dict[str, Value] = {
 
 LIMITS: dict[str, tuple[float, float]] = {
     "SIM_SPEEDUP": (0.0, 100.0), "SIM_WIND_SPD": (0.0, 30.0), "SIM_WIND_DIR": (-360.0, 360.0),
-    "SIM_WIND_TURB": (0.0, 10.0), "SIM_NOISE": (0.0, 10.0), "SIM_WANDER": (0.0, 10.0),
-    "SIM_DELAY": (0.0, 10.0), "SIM_LOSS": (0.0, 1.0), "SIM_CUT": (0.0, 3600.0),
-    "SIM_CLOCK_JUMP": (-1e6, 1e6),
+    "SIM_WIND_TURB": (0.0, 10.0), "SIM_NOISE": (0.0, 10.0), "SIM_DELAY": (0.0, 10.0),
+    "SIM_WANDER": (0.0, 10.0),
+    "SIM_LOSS": (0.0, 1.0), "SIM_CUT": (0.0, 3600.0), "SIM_CLOCK_JUMP": (-1e6, 1e6),
     "SIM_LOAD_LEN": (0.1, 20.0), "SIM_LOAD_MASS": (1e-6, 1.0), "SIM_LOAD_RATE": (0.0, 100.0),
     "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "MAV_SYSID": (1, 255),
     "ANGLE_MAX": (1000, 8000), "MPC_TILTMAX_AIR": (20.0, 89.0), "PSC_JERK_XY": (1.0, 50.0),
     "PSC_JERK_NE": (1.0, 50.0), "PSC_NE_JERK": (1.0, 50.0),
     "PSC_JERK_Z": (1.0, 50.0), "WPNAV_ACCEL": (50.0, 500.0), "WPNAV_SPEED": (20.0, 2000.0),
+    "ATC_ACCEL_P_MAX": (1000.0, 200_000.0),
     "WPNAV_SPEED_UP": (10.0, 1000.0), "WPNAV_SPEED_DN": (10.0, 500.0), "GRIP_GRAB": (1000, 2000),
     "GRIP_RELEASE": (1000, 2000), "GRIP_NEUTRAL": (1000, 2000),
 }  # fmt: skip
@@ -106,21 +111,18 @@ PX4 = Firmware(
         "MPC_TILTMAX_AIR": 45.0, "RTL_RETURN_ALT": 60.0, "RTL_MIN_DIST": 10.0, "PD_GRIPPER_EN": 0,
         "PD_GRIPPER_TO": 3.0, "PWM_MAIN_FUNC5": 0,
         "MAV_SYS_ID": 1, "MAV_COMP_ID": 1, "SYS_AUTOSTART": 4001,
-        "SIM_DRAG": 0.3,  # with it 2 m/s asked for are 1.64, without 2.13: measured
+        "SIM_DRAG": 1.0,  # SIH_KDV over SIH_MASS; measured
         "SIM_LOAD_RATE": 0.0,  # it has no load of its own: set to 10 for a feed from outside
     },
     bytewise=True,
-    ready_after=8.0,  # chosen
-    rates={
-        "HEARTBEAT": 1.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 30.0, "GLOBAL_POSITION_INT": 10.0,
-        "SYS_STATUS": 1.0, "EXTENDED_SYS_STATE": 2.0, "ESTIMATOR_STATUS": 1.0, "SYSTEM_TIME": 1.0,
-        "HOME_POSITION": 0.5, "BATTERY_STATUS": 0.5, "GPS_RAW_INT": 1.0, "TIMESYNC": 1.0,
-        "ATTITUDE_QUATERNION": 10.0, "SERVO_OUTPUT_RAW": 10.0, "VFR_HUD": 4.0,
-    },
+    ready_after=FIGURES["px4"]["armable"].value,
+    rates=UNASKED["px4"],
     fixed_heartbeat=True,  # measured
     any_component=False,  # measured
-    spool_up=1.0,  # chosen
-    wander=(0.03, 0.08),  # with it 0.15 to 0.19 m and 0.2 to 0.3 m/s are reached in 25 s: measured
+    spool_up=3.9,  # with it the measured 6.3 s from arming to 4.6 m
+    arming_delay=0.0,
+    wander=(0.12, 0.17),  # against the truth of its simulator: 0.09 to 0.17 m, 0.12 to 0.25 m/s
+    notice=0.1,  # it brakes 0.8 s after the last setpoint, with COM_OF_LOSS_T at 0.5: measured
 )  # fmt: skip
 
 ARDUPILOT = Firmware(
@@ -138,9 +140,10 @@ ARDUPILOT = Firmware(
     parameters={
         "GUID_TIMEOUT": 3.0, "PSC_JERK_XY": 5.0, "PSC_JERK_Z": 5.0, "ANGLE_MAX": 3000,
         "WPNAV_SPEED": 1000.0, "WPNAV_SPEED_UP": 250.0, "WPNAV_SPEED_DN": 150.0,
-        "WPNAV_ACCEL": 250.0, "LAND_SPEED": 50, "RTL_ALT": 1500, "DISARM_DELAY": 10,
+        "WPNAV_ACCEL": 250.0, "ATC_ACCEL_P_MAX": 110_000.0,
+        "LAND_SPEED": 50, "RTL_ALT": 1500, "DISARM_DELAY": 10,
         "ARMING_CHECK": 1, "FS_GCS_ENABLE": 0, "FS_GCS_TIMEOUT": 5.0, "FS_EKF_ACTION": 1,
-        "RC_OVERRIDE_TIME": 3.0, "FLTMODE1": 9, "FLTMODE2": 9, "FLTMODE3": 6, "FLTMODE4": 4,
+        "RC_OVERRIDE_TIME": 3.0, "FLTMODE1": 7, "FLTMODE2": 9, "FLTMODE3": 6, "FLTMODE4": 3,
         "FLTMODE5": 5, "FLTMODE6": 0, "GRIP_ENABLE": 0, "GRIP_TYPE": 0,
         "GRIP_GRAB": 1900, "GRIP_RELEASE": 1100,
         "GRIP_NEUTRAL": 1500, "SERVO9_FUNCTION": 0, "MAV_SYSID": 1, "MAV_GCS_SYSID": 255,
@@ -148,17 +151,14 @@ ARDUPILOT = Firmware(
         "SIM_LOAD_RATE": 10.0,  # measured
     },
     bytewise=False,
-    ready_after=42.0,  # measured
-    rates={
-        "HEARTBEAT": 1.0, "ATTITUDE": 4.0, "LOCAL_POSITION_NED": 4.0, "GLOBAL_POSITION_INT": 4.0,
-        "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 2.0, "EKF_STATUS_REPORT": 2.0, "SYSTEM_TIME": 1.0,
-        "HOME_POSITION": 0.5, "BATTERY_STATUS": 1.0, "GPS_RAW_INT": 2.0, "SERVO_OUTPUT_RAW": 4.0,
-        "VFR_HUD": 4.0,
-    },
+    ready_after=FIGURES["ardupilot"]["armable"].value,
+    rates=UNASKED["ardupilot"],
     fixed_heartbeat=False,
     any_component=True,  # measured
     lacks=("ESTIMATOR_STATUS",),  # measured
-    spool_up=0.8,  # with it a take-off to 5 m takes the measured 5.3 s
+    spool_up=1.2,  # with it a take-off to 5 m takes the measured 5.3 s
+    arming_delay=2.0,  # measured: 7.3 s for one asked for just after arming
+    stick_speed=FIGURES["ardupilot"]["hold sinks"].value,
     wander=(0.002, 0.002),  # 0.005 m and 0.005 m/s are reached: measured
     stopping=1.6,  # with it 7.6 m from 2.4 m/s, accelerating, with GUID_TIMEOUT at 0.5: measured
 )  # fmt: skip

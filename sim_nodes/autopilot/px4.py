@@ -9,7 +9,6 @@ from sim_nodes.autopilot.commander import CRITICAL, WARNING, Commander, Result
 from sim_nodes.autopilot.control import Gains, Target
 from sim_nodes.autopilot.firmware import Mode
 
-_NOTICE = 0.1  # until the loss of something has been noticed [s]
 _FLAP = 0.5  # a stream slower than the time-out by more than this is none [s]
 _FRESH = 5.0  # after so long a silence a setpoint begins a stream anew [s]
 _AFTER_LOSS = {
@@ -18,6 +17,8 @@ _AFTER_LOSS = {
 }  # fmt: skip
 _AFTER_STATION = {1: Mode.HOLD, 2: Mode.RETURN, 3: Mode.LAND}
 _OFFBOARD_EXCEPTED = 4
+_LAND_SHARE = 0.85  # of the speed asked for that it sinks with: 0.6 of 0.7 m/s; measured
+_LAND_DETECTED = 2.8  # after it has come down [s]; measured
 
 
 class Px4(Commander):
@@ -29,6 +30,7 @@ class Px4(Commander):
         super().__init__(*arguments)
         self._setpoint_at, self._gap, self._manual_at = -math.inf, math.inf, -math.inf
         self._station_lost = False
+        self._before_landing = Mode.HOLD
 
     @property
     def _streaming(self) -> bool:
@@ -51,6 +53,8 @@ class Px4(Commander):
         """Change the mode; nothing but the heartbeat tells when it does not."""
         if mode is Mode.EXTERNAL and not self._streaming:
             return False
+        if mode is Mode.LAND and self.intended is not Mode.LAND:
+            self._before_landing = self.intended
         if mode is Mode.TAKEOFF:
             self._height = float(self.parameters["MIS_TAKEOFF_ALT"])
         return super().set_mode(mode)
@@ -67,18 +71,19 @@ class Px4(Commander):
         value = self.parameters
         tilt = math.radians(float(value["MPC_TILTMAX_AIR"]))
         climb = "MPC_TKO_SPEED" if self.mode is Mode.TAKEOFF else "MPC_Z_VEL_MAX_UP"
+        # Where nobody else steers, it flies along a reference with a limited jerk.
         return Gains(
-            shaped=False,
-            jerk=(8.0, 8.0),
+            shaped=self.mode is not Mode.EXTERNAL,
+            jerk=(6.0, 8.0),  # chosen: with it the measured way to rest
             acceleration=(3.0, 3.0),
             speed=(float(value["MPC_XY_CRUISE"]), float(value[climb]),
                    float(value["MPC_Z_VEL_MAX_DN"])),
             top_speed=float(value["MPC_XY_VEL_MAX"]),
             position=(0.95, 1.0),
-            velocity=(1.0, 4.0),  # with SIM_DRAG 0.3: 2 m/s asked for are 1.64, as measured
-            integral=(0.2, 1.0),
-            velocity_scale=1.065,  # without drag 2 m/s asked for are 2.13, as measured
-            lift_error=0.061,  # 1 m lost in 6.5 s, as measured
+            velocity=(1.8, 4.0),  # MPC_XY_VEL_P_ACC, and chosen
+            integral=(0.4, 1.0),  # MPC_XY_VEL_I_ACC, and chosen
+            velocity_scale=1.0,
+            lift_error=0.085,  # 1 m lost in 6.5 s, as measured
             tilt=tilt,
             push=self.body.frame.g * math.tan(tilt),
             yaw_rate=math.radians(200.0),
@@ -119,7 +124,7 @@ class Px4(Commander):
 
     def _watch_stream(self) -> None:
         late = self.now - self._setpoint_at - float(self.parameters["COM_OF_LOSS_T"])
-        if late > _NOTICE and self.airborne:
+        if late > self.firmware.notice and self.airborne:
             self._fail("offboard signal", _AFTER_LOSS.get(
                 int(self.parameters["COM_OBL_RC_ACT"]), Mode.LAND))  # fmt: skip
         elif late <= 0.0:
@@ -128,7 +133,7 @@ class Px4(Commander):
     def _watch_stick(self) -> None:
         late = self.now - self._manual_at - float(self.parameters["COM_RC_LOSS_T"])
         excepted = int(self.parameters["COM_RCL_EXCEPT"]) & _OFFBOARD_EXCEPTED
-        if late > _NOTICE and math.isfinite(late) and not excepted:
+        if late > self.firmware.notice and math.isfinite(late) and not excepted:
             self._manual_at = -math.inf  # once: who changes the mode then has it
             self._fail("manual control", Mode.HOLD)
 
@@ -146,10 +151,17 @@ class Px4(Commander):
         self._fail("position estimate", Mode.LAND)
 
     def _follow(self) -> Target | None:
+        if not self.airborne and self.now - self._armed_at < self.firmware.spool_up:
+            return None
         return self.target or self._hold()
 
+    def _stop(self) -> None:
+        super()._stop()
+        if self.intended is Mode.LAND:  # measured: it shows what it did before
+            self.intended = self._before_landing
+
     def _land_speed(self) -> float:
-        return float(self.parameters["MPC_LAND_SPEED"])
+        return _LAND_SHARE * float(self.parameters["MPC_LAND_SPEED"])
 
     def _return_height(self, distance: float) -> float:
         near = distance < float(self.parameters["RTL_MIN_DIST"])
@@ -159,4 +171,4 @@ class Px4(Commander):
         return float(self.parameters["COM_DISARM_PRFLT"])
 
     def _landed_time(self) -> float:
-        return float(self.parameters["COM_DISARM_LAND"])
+        return _LAND_DETECTED + float(self.parameters["COM_DISARM_LAND"])

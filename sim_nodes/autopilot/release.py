@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from sim_nodes.autopilot.body import Body
 from sim_nodes.autopilot.commander import INFO, Result
+from sim_nodes.autopilot.figures import FIGURES
 from sim_nodes.autopilot.parameters import Parameters
 
 _GRIPPER_FUNCTION = {"ardupilot": 28, "px4": 430}
@@ -13,7 +14,7 @@ _GRIPPER_CHANNEL = {"ardupilot": 9, "px4": 5}
 _SERVO_GRIPPER = 1  # of GRIP_TYPE
 _NEAR = 100  # of a width of pulse that moves it [µs]; chosen
 _MOVES_AFTER = 0.03  # a pulse has changed [s]; measured: within 0.05 s
-_SAID_AFTER = 0.56  # measured [s]
+_SAID_AFTER = FIGURES["ardupilot"]["gripper speaks"].value
 
 Later = Callable[[float, Callable[[], None]], None]
 
@@ -85,6 +86,7 @@ class Release:
             self._set(action == 0)
 
         done = "released" if action == 0 else "grabbed"
+        self._say(INFO, f"Gripper load {'releasing' if action == 0 else 'grabbing'}")
         self._later(_MOVES_AFTER, move)
         self._later(_SAID_AFTER, lambda: self._say(INFO, f"Gripper load {done}"))
         return Result.ACCEPTED
