@@ -55,7 +55,7 @@ def _actions(batch: Transitions, task: TaskDescription) -> str:
     names = [f"action {name}" if name.isdigit() else name for name in names]
     if not names:
         return ""
-    return f"Explore: {' and '.join(names)} {'is' if len(names) == 1 else 'are'} hardly ever taken."
+    return f"Explore: {', '.join(names)} {'is' if len(names) == 1 else 'are'} hardly ever taken."
 
 
 def _states(batch: Transitions, task: TaskDescription) -> str:

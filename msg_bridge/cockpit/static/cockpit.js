@@ -234,6 +234,7 @@ window.cockpit = (() => {
     if (asks) text = `${asking(is.help)}${text ? ` · ${text}` : ""}`;
     $("piloting").classList.toggle("asks", Boolean(asks));
     $("piloting").textContent = text;
+    $("advice").style.display = p && p.phase === 3 && holding() ? "none" : ""; // eyes are elsewhere
     $("verdicts").style.display = p && p.phase !== 5 ? "" : "none";
     markHeld();
   }
