@@ -39,6 +39,9 @@ def connect(mavsdk, sitl):
 
 
 WHOLE = {"px4": ("COM_OBL_RC_ACT", 4), "ardupilot": ("ANGLE_MAX", 4500)}
+ASKED = ("SYS_STATUS", "EKF_STATUS_REPORT", "GPS_RAW_INT", "HOME_POSITION", "ATTITUDE",
+         "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "SYSTEM_TIME",
+         "BATTERY_STATUS", "VFR_HUD")  # fmt: skip
 BROKEN = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
 
 
@@ -67,6 +70,10 @@ def test_mavsdk_connects_arms_takes_off_flies_and_lands(mavsdk, like):
     urls, parameters = ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": SPEED_UP}
     with Sitl(like, urls, parameters, ready_after=2.0) as sitl:
         system = connect(mavsdk, sitl)
+        if like == "ardupilot":  # it sends what it is asked for, and this client does not ask
+            with sitl.lock:
+                for name in ASKED:
+                    sitl.autopilot.links[0].set_rate(name, 4.0)
         telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
         wait(telemetry.health_all_ok)
         assert action.set_takeoff_altitude(3.0) == ActionResult.SUCCESS

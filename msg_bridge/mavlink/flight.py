@@ -284,8 +284,8 @@ class Flight:
         if self._ruling != before:
             self._violations += self._ruling.reason.startswith("envelope")
             # Of who has not begun to answer there is no news: it is asked every second.
-            episode = self._machine.episode
-            if episode is None or episode.answered >= 0:
+            episode, lands = self._machine.episode, self._ruling.authority is Authority.LAND
+            if lands or episode is None or episode.answered >= 0:
                 self._reporter.ruling(before, self._ruling)
 
     def _arbitrate(self, now: float) -> Ruling:
