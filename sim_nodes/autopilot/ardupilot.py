@@ -65,11 +65,10 @@ class ArduPilot(Commander):
         """Along a shaped reference."""
         value = self.parameters
         tilt = math.radians(float(value["ANGLE_MAX"]) / 100.0)
-        stopping = self.firmware.stopping if self._late else math.inf
         return Gains(
             shaped=True,
             jerk=(self._most_jerk, float(value["PSC_JERK_Z"])),
-            acceleration=(min(float(value["WPNAV_ACCEL"]) / 100.0, stopping), 1.0),
+            acceleration=(float(value["WPNAV_ACCEL"]) / 100.0, 1.0),
             speed=(float(value["WPNAV_SPEED"]) / 100.0, float(value["WPNAV_SPEED_UP"]) / 100.0,
                    float(value["WPNAV_SPEED_DN"]) / 100.0),
             top_speed=9.3,  # the fastest that a held acceleration was seen to lead to

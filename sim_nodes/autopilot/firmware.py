@@ -6,7 +6,6 @@ autopilot's documented defaults, or chosen, and say so.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -50,7 +49,6 @@ class Firmware:
     arming_delay: float  # [s] after arming during which no take-off begins
     wander: tuple[float, float]  # of the estimate in flight: position [m], velocity [m/s]
     notice: float = 0.1  # until the loss of something is acted on, beside its time-out [s]
-    stopping: float = math.inf  # with which it stops when setpoints do, at most [m/s^2]
     load_drag: float = 0.02  # [1/s]
     stick_speed: float = 0.0  # at which it climbs or sinks by its own stick [m/s]
     lacks: tuple[str, ...] = ()  # messages that it cannot be asked for
@@ -160,7 +158,6 @@ ARDUPILOT = Firmware(
     arming_delay=2.0,  # measured: 7.3 s for one asked for just after arming
     stick_speed=FIGURES["ardupilot"]["hold sinks"].value,
     wander=(0.002, 0.002),  # 0.005 m and 0.005 m/s are reached: measured
-    stopping=1.6,  # with it 7.6 m from 2.4 m/s, accelerating, with GUID_TIMEOUT at 0.5: measured
 )  # fmt: skip
 
 WITH_GRIPPER: dict[str, dict[str, float]] = {
