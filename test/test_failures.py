@@ -36,7 +36,8 @@ class Station:
 
 
 def hold_mode(profile):
-    return {"px4": 4 << 16 | 3 << 24, "ardupilot": 5}[profile.name]
+    """HOLD, or BRAKE: LOITER obeys its own sticks, which nobody has lifted."""
+    return {"px4": 4 << 16 | 3 << 24, "ardupilot": 17}[profile.name]
 
 
 @pytest.mark.parametrize("like", LIKES)
@@ -268,7 +269,7 @@ def test_a_companion_on_the_vehicle_is_not_the_autopilot(tmp_path, like):
 
 def test_nobody_has_ever_answered(tmp_path):
     """It asks again and again at the same place, and lands after a minute."""
-    with Flying(tmp_path, "px4", lambda seen: None) as f:
+    with Flying(tmp_path, "px4", lambda seen: None, autopilot={"SIM_WANDER": 0.0}) as f:
         f.in_air()
         since = f.clock.now()
         f.until(lambda: f.flight.phase is Phase.DOWN)
