@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import os
 import sys
@@ -31,6 +30,10 @@ def prepare() -> None:
 
 def say(text: str) -> None:
     """Tell a person; that a full disk or a closed pipe takes no words ends nothing."""
-    with contextlib.suppress(OSError, ValueError):  # ValueError: of a stream that is closed
-        if sys.stderr is not None:
-            print(text, file=sys.stderr, flush=True)
+    if sys.stderr is None:
+        return
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except (OSError, ValueError):  # ValueError: of a stream that is closed
+        # What it could not write Python would try again at the end, and exit with 120.
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115

@@ -58,6 +58,9 @@ def test_it_begins_at_its_checkpoint_and_goes_on_through_those_that_failed(tmp_p
         found = journal.read(path, "a", Mark(10 * begun, 0, begun), 3)
         assert [o.step for o in found] == list(range(begun, 12))
     assert journal.read(path, "a", Mark(5, 0, 5), 3) == []
+    kept.begin("a", Mark(20, 0, 2), saved=False)  # gone back to by hand
+    kept.note(seen(99))
+    assert [o.step for o in journal.read(path, "a", Mark(20, 0, 2), 3)] == [99]
     kept.begin("a", Mark(500, 3, 3), saved=True)  # what is needed for two checkpoints, and that
     assert len(list(tmp_path.glob(".policy.npz.a.*"))) == journal.KEPT + 1
     kept.close(needed=False)

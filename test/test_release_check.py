@@ -89,6 +89,9 @@ def test_it_is_not_tried_against_somebodys_wish(tmp_path):
     ],
 )
 def test_what_was_measured_is_told_from_what_was_assumed(tmp_path, like, options, seen):
+    # Where the estimate strays, some episodes end without a release.
+    options = {"autopilot": {}, **options}
+    options["autopilot"] = {"SIM_WANDER": 0.0, **options["autopilot"]}
     with Flying(tmp_path, like, initial="narrow", **options) as f:
         f.episodes(2)
         assert f.flight.status()["releases"] == {str(seen): 2}

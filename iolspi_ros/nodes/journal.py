@@ -143,8 +143,9 @@ def read(path: Path, run: str, mark: Mark, n_dims: int) -> list[Observation]:
     """
     found: list[Observation] = []
     files = _files(path, run)
-    begun = next((k for k, file in enumerate(files) if _mark(file) == mark), len(files))
-    for file in files[begun:]:
+    begun = [k for k, file in enumerate(files) if _mark(file) == mark]
+    # The last, when there are more: a checkpoint that was loaded again begins anew.
+    for file in files[begun[-1] :] if begun else []:
         found += _observations(file, _record(n_dims))
     return found
 

@@ -513,7 +513,9 @@ class LearnerNode(ManagedNode):
             self._reports.weights()
             self._ready = True
             self._act_if_ready()
-            self._saving.offer(self._snapshot(core), self._mark())
+            flight = checkpoint.part(content, "flight", Flight, f"checkpoint {path}")
+            if flight is not None:
+                self._saving.go_back(Mark(core.step, flight.loop.episode, flight.loop.step))
             response.success, response.message = True, f"loaded {path}"
         except InputError as error:
             response.success, response.message = False, str(error)

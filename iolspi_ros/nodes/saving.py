@@ -172,6 +172,11 @@ class Saving:
         if self._journal is None:
             self._note_from(NOTHING, saved=False)
 
+    def go_back(self, mark: Mark) -> None:
+        """Note what comes after a checkpoint that was loaded, instead of what came before."""
+        if self._journal is not None:
+            self._note_from(mark, saved=False)
+
     def observed_since(self, mark: Mark, n_dims: int, *, fresh: bool) -> list[Observation]:
         """What was observed after a checkpoint, or from the beginning, by one that was killed."""
         keeper = self.keeper()
