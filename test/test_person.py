@@ -386,12 +386,12 @@ def test_advice_says_what_would_be_learned_and_what_helps_most(nodes, person):
         fly(person, Phase.REVIEW)
         assert person.ask("keep").success
         person.until(lambda: advice().startswith("Learning beside"))
-        person.until(lambda taught=taught: advice().startswith(taught), 60.0)
+        person.until(lambda taught=taught: advice().startswith(taught), 180.0)
         assert "end upright from" in advice()
         assert "Kept: " in advice()
     assert person.ask("undo").success
     person.until(lambda: "Kept: 300 samples" in advice())
-    person.until(lambda: advice().startswith("Taught by this episode"), 60.0)
+    person.until(lambda: advice().startswith("Taught by this episode"), 180.0)
 
 
 def test_a_kill_costs_the_running_episode_alone(nodes, person, tmp_path):
@@ -440,7 +440,7 @@ def test_a_stick_that_falls_silent_pauses_and_marks_the_episode(nodes, person, t
     [({"joy_axis": 3}, 2, "the joystick has no axis 3; allowed: 0 to 0"),
      ({"takeover_button": 6}, 2, "the joystick has no button 6; allowed: 0 to 1"),
      ({"nan": True}, 1, "messages of the joystick were no positions of a stick"),
-     ({"two": True}, 1, "2 publish on /joy, where only one may")],
+     ({"two": True}, 1, "publish on /joy, where only one may")],
 )  # fmt: skip
 def test_a_stick_that_cannot_be_trusted_is_said(nodes, person, values, level, words):
     person.listen("/diagnostics", DiagnosticArray, qos.RECORDING)

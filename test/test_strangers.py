@@ -39,6 +39,10 @@ PENDULUM = {
 }  # fmt: skip
 
 
+# The first episodes may have ended before anybody is found who listens.
+LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
 def read_row(message):
     return dict(zip(message.layout.dim[0].label.split(","), message.data, strict=True))
 
@@ -110,9 +114,9 @@ class Graph:
     def stranger(self, name, *arguments):
         return self.start(STRANGERS / f"{name}.py", *arguments)
 
-    def listen(self, topic, kind=Float64MultiArray):
+    def listen(self, topic, kind=Float64MultiArray, profile=1000):
         messages = self.heard[topic] = []
-        self.node.create_subscription(kind, topic, messages.append, QoSProfile(depth=1000))
+        self.node.create_subscription(kind, topic, messages.append, profile)
         return messages
 
     def rows(self, topic):
@@ -157,7 +161,7 @@ def assert_none(counts, *names):
 
 
 def test_learner_with_a_strange_simulator(graph):
-    scores, updates = graph.listen("score"), graph.listen("update")
+    scores, updates = (graph.listen(topic, profile=LATCHED) for topic in ("score", "update"))
     learner = graph.start(
         *LEARNER, "-p", "wait_for_demonstrations:=false", "-p", "update_interval:=50"
     )
