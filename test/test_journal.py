@@ -67,6 +67,17 @@ def test_it_begins_at_its_checkpoint_and_goes_on_through_those_that_failed(tmp_p
     assert [file.name.split(".")[3] for file in tmp_path.iterdir()] == ["b"]
 
 
+@pytest.mark.parametrize("name", ["policy[1].npz", "po*licy?.npz"])
+def test_a_name_is_no_pattern(tmp_path, name):
+    path = tmp_path / name
+    kept = Journal(path, 3, print)
+    kept.begin("a", NOTHING, saved=False)
+    kept.note(seen(1))
+    kept.close(needed=True)
+    assert [o.step for o in journal.read(path, "a", NOTHING, 3)] == [1]
+    assert journal.begun_from_nothing(path) == "a"
+
+
 def test_a_damaged_record_ends_its_file_and_what_is_no_journal_is_none(tmp_path):
     path = tmp_path / "policy.npz"
     kept = Journal(path, 3, print)

@@ -45,12 +45,10 @@ def restore(url: str | None) -> int:
         console.print(f"{vehicle.autopilot}, system {vehicle.system}{number}: since {kept.since}, "
                       f"at {kept.url}")  # fmt: skip
         _show(kept)
-    if swept := memory.sweep():
-        console.print(f"{swept} files of embedded autopilots of older versions are cleaned up.")
     for kept in memory.old():
         console.print(
             f"Left by an older version: {kept.place}. With --url as in its name it is given back; "
-            "delete it when its vehicle has these values."
+            "delete it when its vehicle has these values, or was an embedded one."
         )
         _show(kept)
     places = [(parse(url), 1)] if url else [

@@ -6,6 +6,7 @@ what was observed since. A learner that resumes goes through it as it did before
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import struct
@@ -158,7 +159,7 @@ def begun_from_nothing(path: Path) -> str:
 
 def _files(path: Path, run: str) -> list[Path]:
     """Journals of a series, oldest first."""
-    pattern = f".{path.name}.{run}.*.journal"
+    pattern = f".{glob.escape(path.name)}.{run}.*.journal"
     return sorted((f for f in path.parent.glob(pattern) if _number(f) >= 0), key=_number)
 
 

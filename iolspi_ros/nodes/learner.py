@@ -262,6 +262,8 @@ class LearnerNode(ManagedNode):
         if self._saving.wanted and not (self._local or any(s.other_vehicles)):
             self._loop.note = self._note
             again = self._go_through(core, fresh=found is None)
+            if self._again:
+                return  # it was interrupted: nothing begins, and what was noted stays as it is
             self._saving.keep_journal(task.n_dims)
             if found is not None or again:
                 self._saving.offer(self._snapshot(core), self._mark())
@@ -310,7 +312,7 @@ class LearnerNode(ManagedNode):
                 runtime.check()
                 self._loop.answer_again(observation)
         except KeyboardInterrupt:
-            return False  # nothing is known that is not on disk; `_again` stays
+            return False  # and `_again` stays: what is known now is on disk, and more
         self._again = self._reports.silent = False
         if since:
             self.get_logger().info(

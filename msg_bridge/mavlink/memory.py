@@ -100,13 +100,6 @@ class Memory:
         found = [_read_old(path) for path in sorted(self._old.glob(f"{_OLD}*.json"))]
         return [one for one in found if one is not None]
 
-    def sweep(self) -> int:
-        """Remove what older versions left of embedded autopilots, whose ports were for once."""
-        found = list(self._old.glob(f"{_OLD}udpin_127.0.0.1_[3-6][0-9][0-9][0-9][0-9]_1.json"))
-        for path in found:
-            path.unlink(missing_ok=True)
-        return len(found)
-
     def _path(self, vehicle: Identity) -> Path:
         return self.folder / f"{vehicle}.json"
 
