@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import collections
-import os
 import random
 import signal
 import subprocess
@@ -24,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from iolspi_ros.core import checkpoint
-from iolspi_ros.graph import free_domain
+from iolspi_ros.graph import isolate
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 ACTING, DONE = "acting on", "done: "
@@ -127,8 +126,7 @@ def main() -> int:
     parser.add_argument("--two", action="store_true", help="kill the learner alone")
     parser.add_argument("more", nargs="*", help="parameters, as in --ros-args")
     chosen = parser.parse_args()
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(free_domain())
+    isolate()
     with tempfile.TemporaryDirectory(prefix="iolspi-kills-") as place:
         folder, rng = Path(place), random.Random(chosen.seed)
         begin = time.monotonic()

@@ -11,7 +11,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,30 +27,57 @@ PATIENCE = 5.0
 """Seconds that a node has to end by itself; ours need less than two."""
 
 
+DOMAINS = range(1, 102)
+"""ROS domains that are chosen from: those whose ports lie below Linux' ephemeral ones."""
+
 PARTICIPANTS = 20
 """Of a domain that are looked for."""
 
-
-def _free_port(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", port))
-        except OSError:
-            return False
-    return True
+_OWN = ExitStack()
+"""What this process keeps to its end."""
 
 
-def free_domain() -> int:
-    """A ROS domain in which nobody on this machine is.
+def _bound(port: int) -> socket.socket | None:
+    """A socket on a UDP port; None when the port is in use."""
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        found.bind(("", port))
+    except OSError:
+        found.close()
+        return None
+    return found
 
-    Participant k of domain N listens on UDP port 7410 + 250 N + 2 k (the DDSI-RTPS standard); the
-    first may have ended while others go on.
+
+def _nobody_on(port: int) -> bool:
+    found = _bound(port)
+    if found is not None:
+        found.close()
+    return found is not None
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS domain in which nobody on this machine is, and which nobody else is given meanwhile.
+
+    The ports of domain N begin at 7400 + 250 N (the DDSI-RTPS standard). Participant k listens on
+    10 + 2 k from there; the first may have ended while others go on. The standard gives 9 to
+    nobody: who has a domain keeps that one, because its participants come only later.
+
+    Raises
+    ------
+    InputError
+        All of them are in use.
     """
-    domains = list(range(1, 102))  # those whose ports lie below Linux' ephemeral ones
+    domains = list(DOMAINS)
     random.SystemRandom().shuffle(domains)
     for domain in domains:
-        if all(_free_port(7410 + 250 * domain + 2 * k) for k in range(PARTICIPANTS)):
-            return domain
+        begin = 7400 + 250 * domain
+        if (claim := _bound(begin + 9)) is None:
+            continue
+        with claim:
+            if all(_nobody_on(begin + 10 + 2 * k) for k in range(PARTICIPANTS)):
+                yield domain
+                return
     raise InputError("every ROS domain from 1 to 101 is in use on this machine; allowed: set one")
 
 
@@ -66,7 +94,7 @@ def isolate() -> int:
     environment.check()
     os.environ.setdefault(environment.RANGE, "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
-        os.environ["ROS_DOMAIN_ID"] = str(free_domain())
+        os.environ["ROS_DOMAIN_ID"] = str(_OWN.enter_context(own_domain()))
     os.environ.setdefault("HOME", tempfile.gettempdir())  # rcl writes its logs there
     return int(os.environ["ROS_DOMAIN_ID"])
 

@@ -13,11 +13,10 @@ import time
 import pytest
 from hypothesis import HealthCheck, settings
 
-from iolspi_ros.graph import free_domain
+from iolspi_ros.graph import own_domain
 from iolspi_ros.nodes.start import NODES
 from iolspi_ros.process import prepare
 
-WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 MADE_CACHE = "PYTEST_XDIST_WORKER" not in os.environ and "NUMBA_CACHE_DIR" not in os.environ
 if MADE_CACHE:  # empty at first: what was compiled before the code changed is in nobody's way
     os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="iolspi-numba-")
@@ -41,20 +40,13 @@ for _number in ENDS:  # a shell's background job ignores some, and every child w
     )
 
 
-def _domain():
-    """One that nobody is in; workers that begin at once have others."""
-    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    while (found := free_domain()) % workers != WORKER % workers:
-        pass
-    return found
-
-
 @pytest.fixture(autouse=True)
 def as_it_was():
     """A ROS domain for each test, and no variable and no signal changed by those before it."""
     environment, handlers = dict(os.environ), [signal.getsignal(number) for number in ENDS]
-    os.environ["ROS_DOMAIN_ID"] = str(_domain())
-    yield
+    with own_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        yield
     os.environ.clear()
     os.environ.update(environment)
     for number, handler in zip(ENDS, handlers, strict=True):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
-from iolspi_ros.graph import Graph, free_domain
+from iolspi_ros.graph import Graph, own_domain
 from iolspi_ros.task import TaskDescription
 from msg_bridge.gym.client import GraphClient
 
@@ -77,7 +77,8 @@ class GraphEnv(gymnasium.Env[Array, np.int64]):
     ) -> None:
         alive = _nothing
         if task:
-            domain = free_domain() if domain is None else domain
+            if domain is None:
+                domain = self._held.enter_context(own_domain())
             folder = Path(self._held.enter_context(tempfile.TemporaryDirectory(prefix="iolspi-")))
             graph = self._held.enter_context(Graph(folder, {"ROS_DOMAIN_ID": str(domain)}))
             graph.start("simulator", {"task": task, **parameters})
