@@ -416,4 +416,4 @@ def read_weights(message: Any) -> tuple[NDArray[np.float64], int]:
             f"weights have dimensions {sizes} and {len(message.data)} entries; allowed: two "
             "dimensions, and the number of the update before the entries"
         )
-    return np.array(message.data[1:]).reshape(sizes), int(message.data[0])
+    return np.array(message.data[1:]).reshape(sizes), whole(message.data[0])

@@ -132,12 +132,19 @@ def nodes(tmp_path, domain):
 
 
 @pytest.fixture
-def ros(domain):
-    """rclpy in this process, in the domain of the nodes."""
+def ros(domain, monkeypatch):
+    """rclpy in this process, in the domain of the nodes; no node made there outlives the test."""
     import rclpy
 
+    made, create = [], rclpy.create_node
+    monkeypatch.setattr(
+        rclpy, "create_node", lambda *a, **k: made.append(create(*a, **k)) or made[-1]
+    )
     rclpy.init(domain_id=domain)
     yield rclpy
+    for node in made:
+        with contextlib.suppress(Exception):
+            node.destroy_node()
     with contextlib.suppress(Exception):
         rclpy.try_shutdown()
 

@@ -20,8 +20,8 @@ with own_domain() as domain:
 
 def test_no_two_hold_the_same_one_before_they_have_begun():
     with ExitStack() as held:
-        mine = {held.enter_context(graph.own_domain()) for _ in range(30)}
-        assert len(mine) == 30
+        mine = {held.enter_context(graph.own_domain()) for _ in range(10)}
+        assert len(mine) == 10
         other = held.enter_context(
             subprocess.Popen(
                 [sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -30,7 +30,7 @@ def test_no_two_hold_the_same_one_before_they_have_begun():
         )  # fmt: skip
         theirs = int(other.stdout.readline())
         assert theirs not in mine
-        rest = {held.enter_context(graph.own_domain()) for _ in range(40)}
+        rest = {held.enter_context(graph.own_domain()) for _ in range(10)}
         assert not rest & (mine | {theirs})
         other.communicate("\n")
 

@@ -6,6 +6,7 @@ import io
 import shutil
 import zipfile
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -83,6 +84,14 @@ def test_any_row_is_read_or_refused(label, layout, data, offset):
     for read in readers:
         with contextlib.suppress(InputError):
             read(message)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e300, 0.5])
+def test_no_number_of_an_update_is_more_than_unknown(number):
+    message = wire.weights_message(np.ones((2, 3)), 4)
+    message.data[0] = number
+    weights, found = wire.read_weights(message)
+    assert (weights.shape, found) == ((2, 3), -1)
 
 
 @given(st.binary(max_size=400), st.booleans())

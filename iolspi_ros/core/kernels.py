@@ -211,7 +211,7 @@ def _ranges(states: Array, periods: Array) -> Array:
     return scales
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _farthest(places: Array, loyalty: Array, size: int) -> NDArray[np.int64]:
     """Numbers of some places, each time of the one farthest from all before."""
     far = np.full(len(places), np.inf)

@@ -222,7 +222,7 @@ def optimal(task: FiniteTask, start: int) -> Episode:
     return fly(task, start, actions)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _choose(values: Array, rng: np.random.Generator) -> int:
     """Number of the largest value, drawn among equal ones."""
     best, equal = 0, 1
@@ -236,7 +236,7 @@ def _choose(values: Array, rng: np.random.Generator) -> int:
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _learn(
     tables: tuple[NDArray[np.int32], Array, NDArray[np.bool_], Array, float],
     starts: Numbers,

@@ -89,7 +89,7 @@ class Grid:
         return np.array([math.prod(self.counts[d + 1 :]) for d in range(len(self.counts))])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _between(
     values: Array, cell: int, shares: Array, corners: NDArray[np.int64], work: Array
 ) -> float:
@@ -104,7 +104,7 @@ def _between(
     return work[0]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _interpolate(
     values: Array, cells: NDArray[np.int32], shares: Array, corners: NDArray[np.int64]
 ) -> Array:
@@ -114,7 +114,7 @@ def _interpolate(
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sweep(
     values: Array,
     choice: NDArray[np.int8],

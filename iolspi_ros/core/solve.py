@@ -116,7 +116,7 @@ def _in_turn(moments: Moments, last: NDArray[np.bool_], gamma: float, scaling: s
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _norm(matrix: Array) -> float:
     """Largest sum of a row's magnitudes: the 1-norm of the transpose."""
     most = 0.0

@@ -269,11 +269,11 @@ class Monitor(Node):
     def _on_score(self, message: Any) -> None:
         values = self._scores.read(message)
         self.scores.append(values[4])
-        self.interventions.append(int(values[7]))
+        self.interventions.append(wire.whole(values[7]))
 
     def _on_update(self, message: Any) -> None:
         row = self._update_rows.read_all(message)
-        self._updates[int(row["number"])] = row
+        self._updates[wire.whole(row["number"])] = row
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
