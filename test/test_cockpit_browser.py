@@ -7,6 +7,7 @@ import sys
 import time
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 from chromium import Browser, needs_chromium
 from conftest import Peer
@@ -20,8 +21,6 @@ from iolspi_ros.wire import Phase
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.pendulum.pilot import Perform
-from sim_nodes.tasks.slung_load.dynamics import DUNK
-from sim_nodes.tasks.slung_load.pilot import Perform as SlungLoadPerform
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser, needs_chromium]
 
@@ -306,7 +305,7 @@ def test_mouse_touch_and_gamepad_are_sticks(ros, nodes, browser):
     del kept
 
 
-@pytest.mark.parametrize("name", ["pendulum", "slung_load", "cart_pole"])
+@pytest.mark.parametrize("name", ["pendulum", "slung_load", "slung_load_3d", "cart_pole"])
 def test_every_task_is_shown(ros, nodes, browser, name):
     """With a picture, or bars and lines where there is none."""
     nodes.start("simulator", "-p", f"task:={name}", "-p", "mode:=realtime")
@@ -322,7 +321,46 @@ def test_every_task_is_shown(ros, nodes, browser, name):
         return d.filter((v, i) => i % 4 === 3 && v > 0).length;
     """
     graph.until(lambda: page.run(painted) > 500)
+    views = page.run(
+        "return [...document.querySelectorAll('#views button')].map(b => b.textContent)"
+    )
+    deep = name == "slung_load_3d"
+    assert views == (["behind", "on board", "above", "side"] if deep else [])
+    for view in views[1:]:
+        page.press("v")
+        page.lift("v")
+        graph.until(
+            lambda view=view: (
+                page.text("views").split("\n")
+                and page.run(
+                    "return document.querySelector('#views [aria-pressed=true]').textContent"
+                )
+                == view
+            )
+        )
+        graph.until(lambda: page.run(painted) > 500)
     assert page.complaints() == []
+
+
+def test_a_camera_sees_what_a_pinhole_does(nodes, browser):
+    nodes.start("cockpit")
+    nodes.wait_for("cockpit", "open http")
+    page = browser(re.search(r"open (\S+)", nodes.log("cockpit"))[1])
+    eye, towards, size = np.array([-4.0, 1.0, 3.0]), np.array([2.0, -1.0, 0.5]), (600.0, 400.0)
+    ahead = (towards - eye) / np.linalg.norm(towards - eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    focal = 300.0 / np.tan(np.radians(37.5))
+    camera = np.array([right, np.cross(right, ahead), ahead])
+    for point in np.random.default_rng(0).uniform(-1.0, 2.0, (20, 3)):
+        u, v, far = camera @ (point - eye)
+        seen = page.driver.execute_script(
+            "return space.camera(arguments[0], arguments[1], 600, 400).at(arguments[2])",
+            eye.tolist(), towards.tolist(), point.tolist(),
+        )  # fmt: skip
+        np.testing.assert_allclose(
+            seen, [size[0] / 2 + focal * u / far, size[1] / 2 - focal * v / far]
+        )
 
 
 FAKE_GAMEPAD = """
@@ -334,10 +372,18 @@ FAKE_GAMEPAD = """
 all behind it: the page's reading of it, the socket, `joy`, the demonstrator, and the vehicle."""
 
 
-def test_the_slung_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, browser):
+def stick_for(value):
+    """Where a gamepad's left stick is for an acceleration: right and down are its positive ends."""
+    x, y = value if len(value) == 2 else (0.0, -value[0])
+    return [-y / 3.0, -x / 3.0]
+
+
+@pytest.mark.parametrize(("name", "towards"), [("slung_load", 2), ("slung_load_3d", 1)])
+def test_the_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, browser, name, towards):
     """By a scripted person with a fake gamepad: the stick steers, A releases."""
-    task = task_class("slung_load")().description
-    run = cockpit("--task", "slung_load", "--speed", "0.5", "--seed", "1")
+    vehicle = task_class(name)()
+    task = vehicle.description
+    run = cockpit("--task", name, "--speed", "0.5", "--seed", "1")
     graph = Graph(ros, task)
     page = browser(run.address)
     take_the_stick(graph, page)
@@ -345,19 +391,19 @@ def test_the_slung_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, bro
     held = [None]
 
     def hold(action):
-        """Left and right on the stick; the last of the actions on A."""
+        """The stick, or for the last of the actions A."""
         if action == held[0]:
             return
-        held[0] = action
-        stick = {0: -1, 2: 1}.get(action, 0)
-        page.run(f"fakePad.axes = [{stick}, 0]; fakePad.buttons[0].pressed = {int(action == 3)};")
+        held[0], last = action, action == task.n_actions - 1
+        stick = [0, 0] if last else stick_for(task.actions[action].value)
+        page.run(f"fakePad.axes = {stick}; fakePad.buttons[0].pressed = {int(last)};")
 
-    law = SlungLoadPerform()
+    law = vehicle.pilot("perform", np.random.default_rng(0))
     law.begin()
     graph.until(lambda: graph.phase == Phase.WAITING, 30.0)
-    hold(2)
+    hold(towards)
     graph.until(lambda: graph.phase == Phase.COUNTDOWN, 30.0)
-    hold(1)
+    hold(task.neutral)
     dunk, end = task.endings[1], time.monotonic() + 100.0
     assert dunk.success
     ended = []
@@ -369,7 +415,7 @@ def test_the_slung_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, bro
             ahead = graph.now.state.copy()
             ahead[0::2] += 0.1 * ahead[1::2]
             hold(law.decide(ahead, 0.0))
-        hold(1)
+        hold(task.neutral)
         graph.until(lambda: graph.phase == Phase.REVIEW, 30.0)
         last = next(seen for seen in reversed(graph.seen) if seen.last)
         ended.append(task.endings[int(task.ending(last.reward, last.terminated))].name)
@@ -382,6 +428,6 @@ def test_the_slung_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, bro
     status, said = run.end()
     assert status == 0, said
     demonstration = bags.read_demonstration(run.folder / "demonstration", task)
-    assert demonstration.samples[-1].transition.reward == DUNK
+    assert demonstration.samples[-1].transition.reward == dunk.reward
     assert {sample.source for sample in demonstration.samples} <= {Source.HUMAN, Source.HOLD}
     assert demonstration.samples[-1].source == Source.HUMAN

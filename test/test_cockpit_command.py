@@ -9,6 +9,7 @@ import pytest
 
 from iolspi_ros.cli.cockpit import from_page
 from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
+from iolspi_ros.task import Action
 
 
 def iolspi(*arguments, **environment):
@@ -57,7 +58,7 @@ def test_the_demonstrator_understands_the_page_s_stick(n_actions):
     """Each button is its action, the last the takeover, and left is the first action."""
     given = from_page(n_actions)
     settings = JoystickSettings(joy_axis=given["joy_axis"], joy_buttons=tuple(given["joy_buttons"]))
-    stick = Joystick(settings, n_actions, 1, (given["takeover_button"],))
+    stick = Joystick(settings, [Action("a")] * n_actions, 1, (given["takeover_button"],))
     for action in range(n_actions):
         stick.take([0.0, 0.0], [int(b == action) for b in range(n_actions + 1)])
         assert stick.action() == action

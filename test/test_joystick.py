@@ -14,6 +14,10 @@ from sensor_msgs.msg import Joy
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.calibration import Calibration
 from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
+from iolspi_ros.task import Action
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
+
+ACTIONS = [Action(name) for name in "abcde"]
 
 
 class Clock:
@@ -25,7 +29,7 @@ class Clock:
 
 def made(needed=(), **values):
     clock = Clock()
-    return Joystick(JoystickSettings(**values), 3, 1, needed, clock), clock
+    return Joystick(JoystickSettings(**values), ACTIONS[:3], 1, needed, clock), clock
 
 
 def test_a_motionless_stick_with_autorepeat_does_not_move():
@@ -101,6 +105,53 @@ def test_silence_is_neutral_and_nothing_is_pressed():
     assert (stick.silent, stick.action(), stick.pressed(1), stick.moved) == (True, 1, False, False)
 
 
+IN_SPACE = {"joy_axes": (1, 0), "joy_buttons": (9,)}
+
+
+def in_space(vertical=False, **values):
+    task = SlungLoad3D(vertical=vertical).description
+    settings = JoystickSettings(**(IN_SPACE | values))
+    return task.actions, Joystick(settings, task.actions, task.neutral, (), Clock())
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, math.tau))
+def test_two_axes_reach_nine_actions_and_no_release(far, angle):
+    """Forward is +x and left is +y, as a pilot looks along +x (REP-103)."""
+    actions, stick = in_space()
+    left, forward = far * math.sin(angle), far * math.cos(angle)
+    stick.take([left, forward], [0])
+    whole = [
+        0.0 if abs(v) < 0.5 else math.copysign(3.0, v)
+        for v in (forward, left)
+        if abs(abs(v) - 0.5) > 1e-6
+    ]
+    if len(whole) == 2:
+        assert actions[stick.action()].value == tuple(whole)
+    assert actions[stick.action()].name != "release"
+    stick.take([left, forward], [1])
+    assert actions[stick.action()].name == "release"
+
+
+def test_a_third_axis_climbs():
+    actions, stick = in_space(vertical=True, joy_axes=(1, 0, 3), joy_buttons=(-1,))
+    for up, name in ((1.0, "up 0.8 m/s"), (-1.0, "down 0.8 m/s"), (0.05, "0 0 0")):
+        stick.take([0.0, 0.0, -1.0, up], [0])
+        assert stick.moved == (abs(up) > 0.1)
+        assert actions[stick.action()].name in (name, "0 0")
+
+
+@pytest.mark.parametrize("axes", [(0,), (1, 0, 3)])
+def test_axes_that_the_actions_have_no_numbers_for_are_refused(axes):
+    with pytest.raises(InputError, match=f"joy_axes has {len(axes)} entries, and .* have 2 num"):
+        in_space(joy_axes=axes)
+
+
+def test_an_axis_that_the_device_does_not_have_is_said():
+    _, stick = in_space(joy_axes=(5, 0))
+    stick.take([0.0, 0.0], [0] * 10)
+    assert stick.fault == "the joystick has no axis 5; allowed: 0 to 1"
+
+
 def test_a_button_for_an_action_that_there_is_not_is_refused():
     with pytest.raises(InputError, match="joy_buttons has 3; allowed: -1, or an action, 0 to 2"):
         made(joy_buttons=(0, 3))
@@ -108,7 +159,7 @@ def test_a_button_for_an_action_that_there_is_not_is_refused():
 
 @given(st.floats(-1.0, 1.0), st.floats(0.0, 0.9))
 def test_without_calibration_the_axis_is_what_it_says_outside_its_dead_zone(raw, zone):
-    value = JoystickSettings(joy_dead_zone=(zone,)).travel(raw)
+    value = JoystickSettings(joy_dead_zone=(zone,)).travel(0, raw)
     assert value == (0.0 if abs(raw) <= zone else raw)
 
 
@@ -116,15 +167,15 @@ def test_calibration_is_of_each_axis_and_the_last_is_for_those_behind():
     ends = {"joy_low": (-1.0, -0.8), "joy_center": (0.0, 0.2), "joy_high": (1.0, 0.7)}
     for axis in (1, 4):
         settings = JoystickSettings(joy_axis=axis, joy_dead_zone=(0.5, 0.0), **ends)
-        travelled = [settings.travel(raw) for raw in (-1.0, -0.8, -0.3, 0.2, 0.45, 0.7, 1.0)]
+        travelled = [settings.travel(axis, raw) for raw in (-1.0, -0.8, -0.3, 0.2, 0.45, 0.7, 1.0)]
         assert travelled == pytest.approx([-1.0, -1.0, -0.5, 0.0, 0.5, 1.0, 1.0])
     first = JoystickSettings(joy_dead_zone=(0.5, 0.0), **ends)
-    assert (first.travel(0.5), first.travel(0.6)) == (0.0, 0.6)
+    assert (first.travel(0, 0.5), first.travel(0, 0.6)) == (0.0, 0.6)
 
 
 def test_a_trigger_rests_at_its_end_when_it_is_told_so():
     settings = JoystickSettings(joy_center=(1.0,), joy_inverted=False)
-    stick = Joystick(settings, 3, 1, (), Clock())
+    stick = Joystick(settings, ACTIONS[:3], 1, (), Clock())
     chosen = []
     for raw in (1.0, 0.5, 0.1, -0.2, -1.0):
         stick.take([raw], [])
@@ -169,7 +220,7 @@ def test_a_stick_is_known_by_how_it_moves(first, last):
     settings = JoystickSettings(
         joy_actions=3, **{k: tuple(v) if isinstance(v, list) else v for k, v in found.items()}
     )
-    stick = Joystick(settings, 5, 1, (5,), Clock())
+    stick = Joystick(settings, ACTIONS, 1, (5,), Clock())
     chosen = []
     for question in device.answers:
         stick.take(*device.where(question))

@@ -21,6 +21,7 @@ from iolspi_ros.core.samples import Observation, Sample, Transition
 from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
 from iolspi_ros.resources import find
 from sim_nodes.tasks.pendulum import Pendulum
+from sim_nodes.tasks.slung_load import SlungLoad
 
 SET_5 = find("demos", "pendulum", "set_5")
 CONFIG = find("config", "pendulum.yaml")
@@ -409,13 +410,15 @@ def test_a_replay_can_keep_the_recorded_time(nodes, peer):
 
 def test_an_axis_may_leave_the_last_action_to_a_button():
     """As for the slung load: -3, 0, +3 m/s² on the stick, the release on the first button."""
-    stick = Joystick(JoystickSettings(joy_actions=3, joy_buttons=(3,)), 4, 1)
+    stick = Joystick(
+        JoystickSettings(joy_actions=3, joy_buttons=(3,)), SlungLoad.description.actions, 1
+    )
     chosen = []
     for axis, button in ((1.0, 0), (0.0, 0), (-1.0, 0), (-1.0, 1), (0.9, 0)):
         stick.take([axis], [button])
         chosen.append(stick.action())
     assert chosen == [0, 1, 2, 3, 0]
-    everything = Joystick(JoystickSettings(), 4, 1)
+    everything = Joystick(JoystickSettings(), SlungLoad.description.actions, 1)
     everything.take([-1.0], [])
     assert everything.action() == 3
 

@@ -9,6 +9,7 @@ from iolspi_ros.core.samples import Sample, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.joystick import Joystick, JoystickSettings
 from iolspi_ros.nodes.piloting import Flown, Piloting, PilotingSettings
+from iolspi_ros.task import Action
 from iolspi_ros.wire import Phase
 
 
@@ -17,7 +18,9 @@ class Scene:
 
     def __init__(self, n_episodes=3, **settings):
         self.now = 0.0
-        self.stick = Joystick(JoystickSettings(), 3, 1, (), lambda: self.now)
+        self.stick = Joystick(
+            JoystickSettings(), [Action(name) for name in "abc"], 1, (), lambda: self.now
+        )
         self.piloting = Piloting(
             PilotingSettings(**settings), n_episodes, self.stick, lambda: self.now
         )

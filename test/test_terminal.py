@@ -23,7 +23,9 @@ def dots(lines):
 
 
 def shape(kind, points, size=(0.0, 0.0)):
-    return {"name": "x", "kind": kind, "points": points, "size": list(size)}
+    """What is drawn in a plane, however far away it is."""
+    deep = [[x, 3.0, z] for x, z in points]
+    return {"name": "x", "kind": kind, "points": deep, "size": [size[0], 9.0, size[1]]}
 
 
 @pytest.mark.parametrize(("point", "at"), [

@@ -71,7 +71,7 @@ class Person:
             When the joystick is to do what the task does not have.
         """
         task, needed = self._node.task, (self._takeover.takeover_button,)
-        self._stick = Joystick(self._joystick, task.n_actions, task.neutral, needed)
+        self._stick = Joystick(self._joystick, task.actions, task.neutral, needed)
         self._topics = PilotTopics(self._node, self._settings.episodes)
 
     def demonstrate(self) -> HandFlight:

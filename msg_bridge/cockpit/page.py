@@ -44,7 +44,8 @@ def show() -> None:
     """Lay the page out."""
     ui.colors(primary="#0b7285", secondary="#8a4b00")
     ui.add_head_html('<link rel="stylesheet" href="/cockpit/cockpit.css">')
-    ui.add_body_html('<script src="/cockpit/cockpit.js" defer></script>')
+    for script in ("space", "cockpit"):
+        ui.add_body_html(f'<script src="/cockpit/{script}.js" defer></script>')
     with _part("header", "top"):
         _part("h1", "task").props('aria-live="polite"')
         _part("span", "who")
@@ -53,6 +54,7 @@ def show() -> None:
         _button("Take the stick", "sports_esports", "cockpit.toggleStick()", "stick-button")
     with _part("main", "page"):
         with _part("section", "stage", "card"):
+            _part("div", "views").props('role="group" aria-label="view"')
             _part("canvas", "vehicle").props('role="img"')
             _part("div", "piloting").props('aria-live="polite"')
             _part("div", "advice").props('aria-live="polite"')

@@ -136,8 +136,8 @@ def extent(shapes: Sequence[dict[str, Any]]) -> Box:
     """Least x, greatest x, least z and greatest z of where shapes are or can swing to [m]."""
     xs, zs = [], []
     for shape in shapes:
-        points = shape["points"]
-        reach = [size / 2 for size in shape["size"]]
+        points = _from_the_side(shape)
+        reach = [shape["size"][0] / 2, shape["size"][2] / 2]
         if shape["kind"] == "line":
             reach = [math.dist(points[0], points[-1])] * 2 if len(points) == 2 else [0.0, 0.0]
             points = points[:1] if len(points) == 2 else points
@@ -175,7 +175,7 @@ def braille(
 
 def _dots(shape: dict[str, Any], step: float) -> list[tuple[float, float]]:
     """Points all over a shape, at most `step` apart [m]."""
-    points = shape["points"]
+    points = _from_the_side(shape)
     if shape["kind"] == "line":
         found = []
         for a, b in itertools.pairwise(points):
@@ -184,10 +184,15 @@ def _dots(shape: dict[str, Any], step: float) -> list[tuple[float, float]]:
                 (a[0] + (b[0] - a[0]) * k / n, a[1] + (b[1] - a[1]) * k / n) for k in range(n + 1)
             ]
         return found
-    (x, z), (w, h) = points[0], shape["size"]
+    (x, z), (w, _, h) = points[0], shape["size"]
     across, up = max(1, math.ceil(w / step)), max(1, math.ceil(h / step))
     inside = [(i / across - 0.5, j / up - 0.5) for i in range(across + 1) for j in range(up + 1)]
     inside.append((0.0, 0.0))
     if shape["kind"] == "ball":
         inside = [(u, v) for u, v in inside if u * u + v * v <= 0.25]
     return [(x + w * u, z + h * v) for u, v in inside]
+
+
+def _from_the_side(shape: dict[str, Any]) -> list[tuple[float, float]]:
+    """Its points, without how far away they are."""
+    return [(x, z) for x, _, z in shape["points"]]

@@ -269,7 +269,7 @@ class Watching:
 
 
 def _shape(marker: Any) -> dict[str, Any] | None:
-    """A marker in the plane y = 0, for the page; None for what it cannot draw."""
+    """A marker for the page; None for what it cannot draw."""
     kind = _KINDS.get(marker.type)
     if kind is None:
         return None
@@ -277,7 +277,7 @@ def _shape(marker: Any) -> dict[str, Any] | None:
     points = marker.points if kind == "line" else [at]
     c = marker.color
     return {
-        "name": marker.ns, "kind": kind, "size": [marker.scale.x, marker.scale.z],
-        "points": [[round(p.x, 5), round(p.z, 5)] for p in points],
+        "name": marker.ns, "kind": kind, "size": [marker.scale.x, marker.scale.y, marker.scale.z],
+        "points": [[round(p.x, 5), round(p.y, 5), round(p.z, 5)] for p in points],
         "colour": [round(255 * value) for value in (c.r, c.g, c.b)] + [round(c.a, 2)],
     }  # fmt: skip

@@ -12,6 +12,9 @@ Colour = tuple[float, float, float, float]
 
 BOX, BALL, LINE = "box", "ball", "line"
 
+VEHICLE, FLOOR = "vehicle", "floor"
+"""Names of shapes that a view in three dimensions knows: what it follows, what shadows fall on."""
+
 DARK, TEAL, GREY = (0.12, 0.16, 0.20, 1.0), (0.04, 0.45, 0.52, 1.0), (0.60, 0.63, 0.66, 1.0)
 AMBER, CLAY = (0.90, 0.55, 0.10, 1.0), (0.55, 0.35, 0.20, 1.0)
 

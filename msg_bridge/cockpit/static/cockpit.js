@@ -15,7 +15,7 @@ window.cockpit = (() => {
   const keys = new Set(), touched = new Set();
   let socket = null, me = null, latched = false, pad = [0, 0], lastSaid = "", said = 0;
   let history = [], picture = {from: null, to: null, at: 0, span: 0, episode: -1}, view = null, image = null;
-  let mapShows = "action";
+  let mapShows = "action", seenFrom = "behind";
   const $ = (name) => document.getElementById(name);
 
   // ---------------------------------------------------------------- socket
@@ -105,7 +105,13 @@ window.cockpit = (() => {
   }
 
   window.addEventListener("keydown", (event) => {
-    if (typing(event) || !holding()) return;
+    if (typing(event)) return;
+    if (event.key.toLowerCase() === "v" && !event.repeat && deep()) {
+      const views = Object.keys(space.VIEWS);
+      lookFrom(views[(views.indexOf(seenFrom) + 1) % views.length]);
+      return;
+    }
+    if (!holding()) return;
     const verdict = {k: "keep", d: "discard", u: "undo", f: "finish"}[event.key.toLowerCase()];
     if (verdict && !event.repeat) { call(verdict); return; }
     if (!event.key.startsWith("Arrow") && event.key !== " " && !/^[1-9]$/.test(event.key)) return;
@@ -189,7 +195,8 @@ window.cockpit = (() => {
       return button;
     }));
     $("help").textContent = "Arrow keys are the stick, numbers the actions while held, space the "
-      + "takeover. A gamepad's left stick and shoulder buttons do the same; its A is the last action.";
+      + "takeover. A gamepad's left stick and shoulder buttons do the same; its A is the last action."
+      + " V changes the view of what moves in three dimensions.";
     $("policy-key").replaceChildren(...is.task.actions.map((name, i) => {
       const entry = element("span", name);
       const box = element("i", "");
@@ -324,8 +331,9 @@ window.cockpit = (() => {
     const now = performance.now(), episode = is.now ? is.now.episode : -1;
     const span = now - picture.at;
     const smooth = span > SMOOTH_FROM && span < SMOOTH_MOST && picture.to && episode === picture.episode;
-    picture = {from: smooth ? between(now) : null, to: shapes, at: now, span, episode};
-    for (const shape of shapes) see(shape);
+    picture = {from: smooth ? between(now) : null, before: picture.to, to: shapes, at: now, span, episode};
+    shapes.forEach((shape, i) => see(shape, picture.before && picture.before[i]));
+    showViews();
   }
 
   // What the vehicle draws itself; the one before stays until the new one can be drawn.
@@ -348,53 +356,56 @@ window.cockpit = (() => {
     return to.map((shape, i) => {
       const old = from[i];
       if (!old || old.name !== shape.name || old.points.length !== shape.points.length) return shape;
-      return {...shape, points: shape.points.map(([x, z], k) =>
-        [old.points[k][0] + share * (x - old.points[k][0]), old.points[k][1] + share * (z - old.points[k][1])])};
+      return {...shape, points: shape.points.map((point, k) =>
+        point.map((v, d) => old.points[k][d] + share * (v - old.points[k][d])))};
     });
   }
 
-  // What has been seen stays in view: also where a line of two points could swing to.
-  function see(shape) {
-    const grow = (x, z) => {
-      if (!Number.isFinite(x) || !Number.isFinite(z)) return;
-      view = view ? [Math.min(view[0], x), Math.max(view[1], x), Math.min(view[2], z), Math.max(view[3], z)]
-        : [x, x, z, z];
+  // What has been seen stays in view: also where a line of two points that moves could swing to.
+  function see(shape, before) {
+    const grow = (point, margin) => {
+      if (!point.every(Number.isFinite)) return;
+      view = point.map((v, d) => [Math.min(view ? view[d][0] : v, v - margin[d]),
+        Math.max(view ? view[d][1] : v, v + margin[d])]);
     };
-    const [w, h] = shape.kind === "line" ? [0, 0] : shape.size;
-    for (const [x, z] of shape.points) { grow(x - w / 2, z - h / 2); grow(x + w / 2, z + h / 2); }
-    if (shape.kind === "line" && shape.points.length === 2) {
-      const [[x, z], [u, v]] = shape.points, r = Math.hypot(u - x, v - z);
-      grow(x - r, z - r); grow(x + r, z + r);
+    const line = shape.kind === "line";
+    for (const point of shape.points) grow(point, line ? [0, 0, 0] : shape.size.map((v) => v / 2));
+    const moves = before && JSON.stringify(before.points) !== JSON.stringify(shape.points);
+    if (line && shape.points.length === 2 && moves) {
+      const [a, b] = shape.points, r = Math.hypot(...a.map((v, d) => b[d] - v));
+      grow(a, [r, deep() ? r : 0, r]);
     }
+  }
+
+  // Whether anything is beside the plane in which a task of two dimensions moves.
+  const deep = () => Boolean(picture.to && picture.to.some((shape) => shape.points.some((p) => Math.abs(p[1]) > 1e-6)));
+
+  function showViews() {
+    const wanted = deep() ? Object.keys(space.VIEWS) : [], box = $("views");
+    if (box.children.length !== wanted.length) {
+      box.replaceChildren(...wanted.map((name) => {
+        const button = element("button", name);
+        button.addEventListener("click", () => { lookFrom(name); button.blur(); });
+        return button;
+      }));
+      lookFrom(seenFrom);
+    }
+  }
+  function lookFrom(name) {
+    seenFrom = name;
+    for (const button of $("views").children) button.setAttribute("aria-pressed", String(button.textContent === name));
+    shown = null;
   }
 
   function drawVehicle(now) {
     const [c, w, h] = canvasOf("vehicle");
     $("vehicle").setAttribute("aria-label", is.now ? `the vehicle, episode ${is.now.episode}` : "no vehicle yet");
     if (!picture.to || !view) { (image ? drawImage : drawLines)(c, w, h); return; }
-    const pad = 26;
-    const scale = Math.min((w - 2 * pad) / Math.max(view[1] - view[0], 1e-9),
-      (h - 2 * pad) / Math.max(view[3] - view[2], 1e-9));
-    const mx = (view[0] + view[1]) / 2, mz = (view[2] + view[3]) / 2;
-    const X = (x) => w / 2 + scale * (x - mx), Z = (z) => h / 2 - scale * (z - mz);
-    drawScale(c, w, h, scale);
-    for (const shape of between(now)) {
-      const [r, g, b, a] = shape.colour;
-      c.fillStyle = c.strokeStyle = `rgba(${r},${g},${b},${a})`;
-      const [sx, sz] = shape.size;
-      if (shape.kind === "line") {
-        c.lineWidth = Math.max(2, scale * sx); c.lineCap = c.lineJoin = "round";
-        c.beginPath();
-        shape.points.forEach(([x, z], i) => (i ? c.lineTo(X(x), Z(z)) : c.moveTo(X(x), Z(z))));
-        c.stroke();
-        continue;
-      }
-      const [x, z] = shape.points[0];
-      c.beginPath();
-      if (shape.kind === "ball") c.ellipse(X(x), Z(z), Math.max(3, scale * sx / 2), Math.max(3, scale * sz / 2), 0, 0, 7);
-      else c.rect(X(x - sx / 2), Z(z + sz / 2), Math.max(2, scale * sx), Math.max(2, scale * sz));
-      c.fill();
-    }
+    const shapes = between(now), vehicle = shapes.find((shape) => shape.name === "vehicle");
+    const from = deep() ? (vehicle ? seenFrom : "side") : "side";
+    const lens = space.VIEWS[from](vehicle ? vehicle.points[0] : null, view, w, h);
+    if (lens.scale) drawScale(c, w, h, lens.scale);
+    space.paint(c, shapes, lens, from === "on board" ? "vehicle" : "");
   }
 
   function drawScale(c, w, h, scale) {

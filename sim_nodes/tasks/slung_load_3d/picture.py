@@ -14,9 +14,11 @@ from sim_nodes.tasks.shapes import (
     BOX,
     CLAY,
     DARK,
+    FLOOR,
     GREY,
     LINE,
     TEAL,
+    VEHICLE,
     Picture,
     Point,
     Shape,
@@ -54,11 +56,11 @@ def picture(state: Array, basket: Basket, length: float, at: Point | None = None
     if at is not None:
         end, load = here, at
     return (
-        Shape("floor", BOX, ((0.0, 0.0, -0.02),), (2 * HALL, 2 * HALL, 0.04), (*GREY[:3], 0.35)),
+        Shape(FLOOR, BOX, ((0.0, 0.0, -0.02),), (2 * HALL, 2 * HALL, 0.04), (*GREY[:3], 0.35)),
         *_edges(),
         *_basket(basket),
         Shape("cable", LINE, (here, end), (_LINE, 0.0, 0.0), DARK),
-        Shape("quadrotor", BOX, (here,), (0.45, 0.45, 0.1), TEAL),
+        Shape(VEHICLE, BOX, (here,), (0.45, 0.45, 0.1), TEAL),
         Shape("load", BALL, (load,), (_BALL,) * 3, AMBER),
     )
 
