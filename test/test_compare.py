@@ -1,18 +1,23 @@
 """`iolspi compare`: what is measured, kept and said."""
 
 import csv
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from figure_checks import check
 
+from iolspi_ros import figures
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import compare
 from iolspi_ros.experiments import life as lives
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.experiments.results import Store
+from iolspi_ros.experiments.thesis.study import read_rows
 from iolspi_ros.methods.traits import TRAITS
-from iolspi_ros.report import comparison, measures
+from iolspi_ros.report import comparison, curves, measures
 
 
 def life(task, learner, **more):
@@ -61,11 +66,11 @@ def test_time_after_a_jump_is_counted_from_it(tmp_path):
         "processor": time, "rewards": -time, "endings": np.arange(looks)[:, None],
     })  # fmt: skip
     store.write(case.best, 0, {"discounted": np.array([-100.0, -200.0])})
-    (row,), curves = measures.measured(case, store)
+    (row,), seen = measures.measured(case, store)
     assert row["time"] == 4.0
     assert row["score"] == -1.0
     assert row["crashes"] == 0.0  # a time-out is none
-    assert [c["best"] for c in curves if c["time"] in (19.0, 20.0)] == [-100.0, -200.0]
+    assert [c["best"] for c in seen if c["time"] in (19.0, 20.0)] == [-100.0, -200.0]
 
 
 def test_crashes_are_counted_until_most_starts_succeed(tmp_path):
@@ -170,3 +175,49 @@ def test_each_learner_has_its_sentence():
     assert all(
         text.startswith("When ") and text.endswith(".") for text in comparison.CHOOSE.values()
     )
+
+
+def drawn(learners):
+    """Curves of several learners, made up."""
+    rng = np.random.default_rng(0)
+    time = np.linspace(0.0, 60.0, 21)
+    rows = []
+    for case in compare.CASES:
+        for learner in learners:
+            returns = -1300.0 - 400.0 * rng.random() * np.exp(-time / 20.0)
+            rows += [
+                {
+                    "task": "pendulum", "case": case, "learner": learner, "time": t,
+                    "processor": t / 9, "best": -1300.0, "crashes": t // 9,
+                    "returned": r, "returned_low": r - 20.0, "returned_high": r + 20.0,
+                    "success": 0.5, "success_low": 0.4, "success_high": 0.6,
+                }
+                for t, r in zip(time, returns, strict=True)
+            ]  # fmt: skip
+    return rows
+
+
+@pytest.mark.parametrize("learners", [list(TRAITS), ["iolspi", "sarsa"]])
+@pytest.mark.parametrize("kind", curves.PICTURES)
+def test_pictures_can_be_read(kind, learners):
+    figure = curves.picture(drawn(learners), "pendulum", kind)
+    check(figure)
+    assert figures.alt(figure)
+
+
+def test_a_picture_of_no_crashes_is_left_out():
+    rows = [row | {"crashes": 0} for row in drawn(["iolspi"])]
+    assert curves.picture(rows, "pendulum", "crashes") is None
+
+
+DOCS = Path(__file__).parent.parent / "docs" / "methods"
+
+
+def test_the_tables_committed_are_those_of_the_rows_committed():
+    table = read_rows(DOCS / "table.csv")
+    text = (DOCS / "measured.md").read_text(encoding="utf-8")
+    for lines in (comparison.overview(table), comparison.details(table)):
+        assert "\n".join(comparison._markdown(lines)) in text
+    for words, file in re.findall(r"!\[([^]]*)\]\(([^)]*)\)", text):
+        assert len(words) > 30
+        assert (DOCS / file).is_file()
