@@ -41,6 +41,8 @@ setup(
         "minari": ["minari[hdf5]>=0.5.3"],
         "lerobot": ["lerobot>=0.4"],
         "cockpit": ["nicegui>=3"],
+        "trees": ["scikit-learn>=1.5"],
+        "deep": ["stable-baselines3>=2.4", "gymnasium>=1.0"],
     },
     zip_safe=True,
     description="Informed Online Least-Squares Policy Iteration on a ROS 2 graph",
@@ -66,6 +68,15 @@ setup(
         "iolspi_ros.learners": [
             "iolspi = iolspi_ros.core.online:OnlineLSPI",
             "iolspi_symmetric = iolspi_ros.core.symmetric:SymmetricLSPI",
+            "sarsa = iolspi_ros.methods.temporal_difference:Sarsa",
+            "q_learning = iolspi_ros.methods.temporal_difference:QLearning",
+            "policy_search = iolspi_ros.methods.policy_search:PolicySearch",
+            "value_iteration = iolspi_ros.methods.value_iteration:ValueIteration",
+            "continuous_value_iteration = "
+            "iolspi_ros.methods.value_iteration:ContinuousValueIteration",
+            "automata = iolspi_ros.methods.automata:Automata",
+            "apprentice = iolspi_ros.methods.apprentice:Apprentice",
+            "fitted_q = iolspi_ros.methods.fitted_q:FittedQ",
         ],
     },
 )

@@ -15,6 +15,7 @@ def main() -> int:
     from iolspi_ros.cli import (  # noqa: F401  they add themselves
         bench,
         cockpit,
+        compare,
         demo,
         demos,
         doctor,

@@ -85,7 +85,7 @@ class Kernels(Basis):
         counts = np.where(self.periods > 0.0, 2, 1)  # coordinates of each variable
         return Table(
             False, counts, np.zeros(0), gains, self.periods, np.zeros((0, n_dims), np.int64),
-            _flat(self.points, gains, self.periods),
+            flat(self.points, gains, self.periods),
         )  # fmt: skip
 
     def around(
@@ -106,12 +106,12 @@ class Kernels(Basis):
         crowds : Crowds
             `FINER` times as many parts of the same states.
         """
-        scales = _ranges(states, self.periods) / np.array(metric)
+        scales = ranges(states, self.periods) / np.array(metric)
         own = self.points if np.isfinite(self.scales).any() else self.points[:0]
         among = np.concatenate([own, states])
         loyalty = np.where(np.arange(len(among)) < len(own), LOYALTY**2, 1.0)
         size = min(size, MOST_CENTERS ** len(scales), 1 + len(states) // LEAST_SAMPLES)
-        places = _flat(among, 1.0 / scales, self.periods)
+        places = flat(among, 1.0 / scales, self.periods)
         chosen = _farthest(places, loyalty, min(FINER * size, len(among)))
         first = places[chosen[:size]]
         width = 1.0
@@ -179,15 +179,15 @@ class Crowds:
 
     @cached_property
     def _tree(self) -> KDTree:
-        return KDTree(_flat(self.points, 1.0 / self.scales, self.periods))
+        return KDTree(flat(self.points, 1.0 / self.scales, self.periods))
 
     def __call__(self, states: Array, action: NDArray[np.int64]) -> NDArray[np.int64]:
         """Number of the part and action of each sample, shape (n_samples,)."""
-        nearest = self._tree.query(_flat(states, 1.0 / self.scales, self.periods))[1]
+        nearest = self._tree.query(flat(states, 1.0 / self.scales, self.periods))[1]
         return nearest.astype(np.int64) + action * len(self.points)
 
 
-def _flat(states: Array, gains: Array, periods: Array) -> Array:
+def flat(states: Array, gains: Array, periods: Array) -> Array:
     """Coordinates whose distances count: a variable that repeats is a place on a circle."""
     columns = []
     for value, gain, period in zip(states.T, gains, periods, strict=True):
@@ -199,7 +199,7 @@ def _flat(states: Array, gains: Array, periods: Array) -> Array:
     return np.ascontiguousarray(np.stack(columns, axis=1))
 
 
-def _ranges(states: Array, periods: Array) -> Array:
+def ranges(states: Array, periods: Array) -> Array:
     """Range of each variable; a variable that stands still does not count."""
     low, high = np.quantile(states, RANGE, axis=0)
     ranges = high - low

@@ -36,7 +36,7 @@ GOAL, IN_A_ROW = 0.95, 3
 """Greedy dunks that are wanted, from all starts, after so many updates one after the other."""
 DELAY = 2
 """Steps of 0.1 s until one who watches has taken over."""
-_ALONE = {"epsilon": 1.0, "epsilon_decay": 0.98, "epsilon_min": 0.01}  # from nothing: T 11-1
+ALONE = {"epsilon": 1.0, "epsilon_decay": 0.98, "epsilon_min": 0.01}  # from nothing: T 11-1
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def help_learning(setting: InterventionRun, seed: int) -> Mapping[str, Any]:
     file = resources.config(task.description.name)
     values = resources.parameters(file, "learner") if file else {}
     if setting.samples == NOTHING:
-        values |= _ALONE
+        values |= ALONE
     core: Any = make_learner("iolspi", task.description, values, str(file), seed)
     demonstrations = samples(setting.samples, task, seed)
     if demonstrations is not None:

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-ROOMS = ("iolspi_ros.core", "iolspi_ros.experiments", "sim_nodes")
+ROOMS = ("iolspi_ros.core", "iolspi_ros.methods", "iolspi_ros.experiments", "sim_nodes")
 """Where code that computes results lives; what it imports from elsewhere only helps it along."""
 _TABLES = ("sim_nodes.tasks",)
 """Modules that only list others: what a setting holds says which of those count."""

@@ -29,7 +29,8 @@ p.lead{color:#52606d;margin-top:0}img,canvas{max-width:100%;height:auto}
  gap:2.2rem 1.6rem;margin-top:2rem}
 .parts>section{min-width:0}.wide{grid-column:1/-1}
 table{border-collapse:collapse;font-size:.9rem}
-td{padding:.1rem .8rem .1rem 0;vertical-align:top;overflow-wrap:anywhere}
+td,th{padding:.1rem .8rem .1rem 0;vertical-align:top;overflow-wrap:anywhere;text-align:left}
+.scroll{overflow-x:auto}.scroll td,.scroll th{overflow-wrap:normal;min-width:4.5rem}
 canvas{background:#f8f9fa;border-radius:.5rem;display:block}p.say{color:#52606d;margin:.2rem 0}
 """
 
