@@ -195,7 +195,7 @@ def test_estimator_lost(tmp_path, like):
         f.in_episode()
         f.change("SIM_EKF_FAIL", 1)
         f.until(lambda: f.flight.phase is Phase.DOWN)
-        assert f.heard("position estimate") or f.heard("changed the mode")
+        assert f.heard("position estimate") or f.heard("the autopilot's own failsafe changed")
         assert f.body()[0][2] < 0.2
         assert not f.broken
 
@@ -236,6 +236,25 @@ def test_clock_jump(tmp_path, jump):
         f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         assert f.heard("clock has jumped")
         f.episodes(1)
+
+
+@pytest.mark.parametrize("like", LIKES)
+@pytest.mark.parametrize("seconds", [0.6, 3.0])
+def test_bridge_frozen(tmp_path, like, seconds):
+    """What comes of it is not put down to the autopilot's clock, or to somebody."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.in_episode()
+        end = f.clock.now() + seconds
+        while f.clock.now() < end:
+            f.world.advance()
+        f.episodes(1)
+        assert f.inside()
+        assert f.heard(f"hold: the bridge itself stood still for {seconds:.1f} s")
+        assert not f.heard("clock")
+        assert not f.heard("nothing heard")
+        assert not f.heard("somebody")
+        if like == "px4" and seconds > 1.0:
+            assert f.heard("the autopilot's own failsafe changed the mode to HOLD")
 
 
 def test_wrong_system_id(tmp_path):
