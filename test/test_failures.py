@@ -11,6 +11,7 @@ from iolspi_ros.bench.flying import Dying, Flying, lost, pilot, pushes
 from msg_bridge.mavlink.arbiter import Authority
 from msg_bridge.mavlink.codec import Codec
 from msg_bridge.mavlink.phases import Phase
+from sim_nodes.autopilot.autopilot import TICK
 from sim_nodes.tasks.slung_load import DUNK, RELEASE
 
 LIKES = ["px4", "ardupilot"]
@@ -255,6 +256,23 @@ def test_bridge_frozen(tmp_path, like, seconds):
         assert not f.heard("somebody")
         if like == "px4" and seconds > 1.0:
             assert f.heard("the autopilot's own failsafe changed the mode to HOLD")
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_a_bridge_that_was_frozen_stops_the_vehicle_where_it_is_by_now(tmp_path, like):
+    """It was about to accelerate from rest; by what was heard before, it would be flown back."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.act = Dying(f.task, 10**6)
+        f.in_episode(step=1)
+        start = f.body()[0][0]
+        for _ in range(round(1.2 / TICK)):
+            f.world.advance()
+        woken = f.clock.now()
+        assert abs(f.body()[0][0] - start) > 0.3
+        f.wait(0.06)
+        there = f.body()[0][0]
+        asked = [m.y for _, m in f.setpoints(woken) if not m.type_mask & 0b11]
+        assert all(abs(y - there) < 0.3 for y in asked), (start, there, asked)
 
 
 def test_wrong_system_id(tmp_path):

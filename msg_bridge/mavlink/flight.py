@@ -255,8 +255,10 @@ class Flight:
     def _fly(self, now: float) -> None:
         dt = now - self._last
         self._last = now
-        if dt > self.timeouts.telemetry_timeout:
-            self._stalled, self.link.telemetry.behind = dt, True
+        self._stalled = dt
+        if dt > self.timeouts.telemetry_timeout:  # what was last heard is where it was long ago
+            self.link.telemetry.behind = True
+            self.link.telemetry.behind = not self.link.poll(now)
         self._machine.pass_time(dt, self._guidance.applied)
         self._motion = self._estimator.motion(now)
         self._look(now)
@@ -311,7 +313,7 @@ class Flight:
         return Situation(
             silence=now - t.heard_time,
             telemetry_age=now - t.position_time,
-            stalled=self._stalled if t.behind else 0.0,
+            stalled=self._stalled,
             armed=t.armed,
             controlled=t.mode == self.profile.controlled,
             mode=self.profile.mode_name(t.mode),
