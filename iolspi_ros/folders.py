@@ -11,7 +11,7 @@ from pathlib import Path
 from iolspi_ros import __version__
 from iolspi_ros.errors import InputError
 
-SERIES = tuple(Path("out", name) for name in ("cockpit", "demo", "fly", "learn", "soak"))
+SERIES = tuple(Path("out", name) for name in ("bench", "cockpit", "demo", "fly", "learn", "soak"))
 """Places that commands take by themselves: each keeps a numbered folder for every run."""
 LATEST = "latest"
 MARK = "run.txt"

@@ -27,7 +27,8 @@ FLYING = Situation(episode=True)
         ({"controlled": False}, Authority.OTHER),
         ({"armed": False}, Authority.OTHER),
         ({"violation": "x is 9"}, Authority.HOLD),
-        ({"jumped": True}, Authority.HOLD),
+        ({"jumped": "the clock has jumped"}, Authority.HOLD),
+        ({"stalled": 0.5}, Authority.HOLD),
         ({"paused": True}, Authority.HOLD),
         ({"deadman": False}, Authority.HOLD),
         ({"pilot": True}, Authority.PILOT),
@@ -40,7 +41,15 @@ def test_each_cause_alone(changed, authority):
     assert arbitrate(FLYING._replace(**changed), T).authority is authority
 
 
+@pytest.mark.parametrize("failsafe", [False, True])
+def test_a_mode_that_the_autopilot_chose_is_not_put_down_to_somebody(failsafe):
+    ruling = arbitrate(FLYING._replace(controlled=False, mode="HOLD", failsafe=failsafe), T)
+    who = "the autopilot's own failsafe" if failsafe else "somebody"
+    assert ruling.reason == f"{who} changed the mode to HOLD"
+
+
 ABOVE = [
+    ({"stalled": 9.0, "silence": 9.0}, Authority.HOLD),
     ({"silence": 9.0}, Authority.HOLD),
     ({"armed": False}, Authority.OTHER),
     ({"controlled": False}, Authority.OTHER),

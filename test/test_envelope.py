@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from iolspi_ros.errors import InputError
-from msg_bridge.mavlink.envelope import Limits, Motion, limit, violation
+from msg_bridge.mavlink.envelope import Limits, Motion, limit, violation, widened
 
 LIMITS = Limits(braking=2.0)
 DT = 0.02
@@ -184,3 +184,25 @@ def test_where_the_envelope_ends(name, edge, outwards):
 def test_a_box_has_its_least_end_first():
     with pytest.raises(InputError, match="the least first"):
         Limits(box=(3.0, -3.0))
+
+
+@pytest.mark.parametrize(
+    ("noise", "margin"), [(0.0, 0.3), (0.05, 0.4), (0.1, 0.5), (0.2, 0.5), (9.0, 0.5)]
+)
+def test_the_margin_to_the_walls_grows_with_the_noise_of_the_position(noise, margin):
+    """The task's own starts, half a metre from the wall, stay inside it."""
+    limits = widened(LIMITS, noise)
+    assert limits.margin == pytest.approx(margin)
+    assert limits.box[0] + limits.margin - 1e-9 <= -6.0
+
+
+def test_a_margin_that_was_chosen_is_never_made_smaller():
+    assert widened(Limits(margin=0.8), 0.2).margin == 0.8
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_it_comes_to_rest_by_the_margin_further_from_the_wall(side):
+    limits = Limits(braking=2.0, margin=0.9)
+    last = list(fly(lambda t, _: side * 3.0, -2.0, limits, seconds=30.0))[-1][0]
+    end = limits.box[1] if side > 0.0 else limits.box[0]
+    assert 0.9 <= side * (end - last.x) + 0.05 < 2.1

@@ -11,6 +11,7 @@ from iolspi_ros.bench.flying import Dying, Flying, lost, pilot, pushes
 from msg_bridge.mavlink.arbiter import Authority
 from msg_bridge.mavlink.codec import Codec
 from msg_bridge.mavlink.phases import Phase
+from sim_nodes.autopilot.autopilot import TICK
 from sim_nodes.tasks.slung_load import DUNK, RELEASE
 
 LIKES = ["px4", "ardupilot"]
@@ -195,7 +196,7 @@ def test_estimator_lost(tmp_path, like):
         f.in_episode()
         f.change("SIM_EKF_FAIL", 1)
         f.until(lambda: f.flight.phase is Phase.DOWN)
-        assert f.heard("position estimate") or f.heard("changed the mode")
+        assert f.heard("position estimate") or f.heard("the autopilot's own failsafe changed")
         assert f.body()[0][2] < 0.2
         assert not f.broken
 
@@ -236,6 +237,42 @@ def test_clock_jump(tmp_path, jump):
         f.until(lambda: f.flight.ruling.authority is Authority.HOLD)
         assert f.heard("clock has jumped")
         f.episodes(1)
+
+
+@pytest.mark.parametrize("like", LIKES)
+@pytest.mark.parametrize("seconds", [0.6, 3.0])
+def test_bridge_frozen(tmp_path, like, seconds):
+    """What comes of it is not put down to the autopilot's clock, or to somebody."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.in_episode()
+        end = f.clock.now() + seconds
+        while f.clock.now() < end:
+            f.world.advance()
+        f.episodes(1)
+        assert f.inside()
+        assert f.heard(f"hold: the bridge itself stood still for {seconds:.1f} s")
+        assert not f.heard("clock")
+        assert not f.heard("nothing heard")
+        assert not f.heard("somebody")
+        if like == "px4" and seconds > 1.0:
+            assert f.heard("the autopilot's own failsafe changed the mode to HOLD")
+
+
+@pytest.mark.parametrize("like", LIKES)
+def test_a_bridge_that_was_frozen_stops_the_vehicle_where_it_is_by_now(tmp_path, like):
+    """It was about to accelerate from rest; by what was heard before, it would be flown back."""
+    with Flying(tmp_path, like, initial="narrow") as f:
+        f.act = Dying(f.task, 10**6)
+        f.in_episode(step=1)
+        start = f.body()[0][0]
+        for _ in range(round(1.2 / TICK)):
+            f.world.advance()
+        woken = f.clock.now()
+        assert abs(f.body()[0][0] - start) > 0.3
+        f.wait(0.06)
+        there = f.body()[0][0]
+        asked = [m.y for _, m in f.setpoints(woken) if not m.type_mask & 0b11]
+        assert all(abs(y - there) < 0.3 for y in asked), (start, there, asked)
 
 
 def test_wrong_system_id(tmp_path):

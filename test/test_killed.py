@@ -8,29 +8,14 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bench.flying import Flying
+from iolspi_ros.bench.reckless import reckless
 from msg_bridge.mavlink.envelope import Limits, Motion, limit
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import ARDUPILOT, PX4
 from sim_nodes.autopilot.autopilot import TICK
 
 copyreg.pickle(struct.Struct, lambda s: (struct.Struct, (s.format,)))  # of pymavlink's parsers
-PUSHES = (0, 1, 2)  # back, neutral, on
 REST = 12.0  # after so long everything stands [s]
-
-
-def reckless(rng, hold=0.6):
-    """Accelerations held for any time, more often towards the nearer wall."""
-    until, action = 0, 1
-
-    def act(seen):
-        nonlocal until, action
-        if seen.step == 0 or seen.step >= until:
-            until = seen.step + 1 + int(rng.exponential(hold) / 0.1)
-            towards = 2 if seen.state[0] > -1.75 else 0
-            action = towards if rng.random() < 0.5 else int(rng.choice(PUSHES))
-        return action
-
-    return act
 
 
 def alone(f):

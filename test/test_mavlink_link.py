@@ -491,10 +491,19 @@ def test_a_clock_that_jumps_is_noticed_and_then_followed():
     assert telemetry.jump_time == -math.inf
     position(56.0, 11.0)
     assert (telemetry.jump_time, telemetry.restarts) == (11.0, 0)
+    assert telemetry.jump == "the autopilot's clock has jumped by +5.0 s"
     position(56.1, 11.1)
     assert telemetry.jump_time == 11.0
     position(0.5, 12.0)
     assert (telemetry.jump_time, telemetry.restarts) == (12.0, 1)
+    position(0.6, 14.1)
+    assert telemetry.jump == "the autopilot's clock stood still for 2.0 s"
+    position(2.6, 14.1)
+    assert telemetry.jump == "what the autopilot says came 2.0 s late"
+    telemetry.behind = True  # we stood still, and it did not
+    position(2.7, 17.0)
+    position(5.5, 17.0)
+    assert telemetry.jump_time == 14.1
 
 
 def test_a_command_that_is_not_finite_is_never_sent():

@@ -12,9 +12,11 @@ import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import bar, console
-from iolspi_ros.errors import check_choice
+from iolspi_ros.errors import InputError, check_choice
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from iolspi_ros.bench.rows import Row
 
 SUBJECTS = ("learner", "speed", "scale", "safety", "bridge", "public", "interventions")
@@ -30,12 +32,35 @@ def bench(
     ] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
     plots: Annotated[Optional[Path], typer.Option(help="Folder for plots.")] = None,
+    real: Annotated[
+        Optional[str],
+        typer.Option(help="Of `bridge`: fly the autopilot's simulator at this URL, nothing else."),
+    ] = None,
+    autopilot: Annotated[
+        Optional[str], typer.Option(help="Who is at --real: px4 or ardupilot.")
+    ] = None,
+    speed_up: Annotated[float, typer.Option(help="Times real time that it runs.")] = 1.0,
+    bridge: Annotated[
+        Optional[list[str]], typer.Option(help="NAME=VALUE of a parameter of the bridge there.")
+    ] = None,
+    flights: Annotated[
+        int, typer.Option(min=0, help="Whole flights there, of 23 episodes, a seed each.")
+    ] = 3,
+    kills: Annotated[
+        int, typer.Option(min=0, help="Bridges killed there at random moments of episodes.")
+    ] = 20,
+    it_is_a_simulator: Annotated[
+        bool, typer.Option("--it-is-a-simulator", help="It may be flown recklessly.")
+    ] = False,
 ) -> None:
     """Measure, and say which goals hold.
 
     On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
     `scale` and `bridge` 10. `public` flies well-known environments (the extra gymnasium), an hour;
     so does `interventions`, which has an expert take over from the learner.
+
+    `bridge --real URL` flies a simulator of an autopilot instead: whole flights of `iolspi fly`,
+    then bridges that are killed in reckless episodes. At real time that is half an hour.
     """
     from iolspi_ros import resources
     from iolspi_ros.bench import machine
@@ -45,13 +70,56 @@ def bench(
     for path in (file and file.parent, plots):
         if path:
             resources.make_folder(path)
+    elsewhere = None
+    if real is not None:
+        elsewhere = _elsewhere(
+            subjects, real, autopilot, speed_up, bridge, flights, kills, it_is_a_simulator
+        )
+    elif autopilot or bridge:
+        raise InputError("--autopilot and --bridge go with --real; allowed: bench bridge --real")
     rows = machine.rows()
     console.print(f"{platform.machine()}, Python {platform.python_version()}")
     for subject in subjects or SUBJECTS:
-        rows += _measure(subject, seeds, plots)
+        rows += elsewhere() if elsewhere else _measure(subject, seeds, plots)
         if file:  # after each subject, so that a later one costs nothing that is there
             _write(file, rows)
     table(rows)
+
+
+def _elsewhere(
+    subjects: list[str] | None, url: str, autopilot: str | None, speed_up: float,
+    bridge: list[str] | None, flights: int, kills: int, simulator: bool,
+) -> Callable[[], list[Row]]:  # fmt: skip
+    """What flies an autopilot that is elsewhere; refused before anything happens."""
+    from iolspi_ros import resources
+    from iolspi_ros.bench import real
+    from iolspi_ros.cli.flight_plan import URLS, make_plan
+    from iolspi_ros.folders import new_folder
+
+    if subjects != ["bridge"]:
+        raise InputError("--real goes with one subject; allowed: bench bridge --real URL")
+    check_choice("--autopilot", autopilot or "", tuple(URLS))
+    if not simulator:
+        raise InputError(
+            "--real flies recklessly and kills bridges in flight; allowed with "
+            "--it-is-a-simulator, which says that nobody can be hurt"
+        )
+    plan = make_plan(
+        autopilot or "", url, "px4", speed_up, "estimate", 5, None, 500, 10, 13, 0, bridge or []
+    )
+    more = [part for text in bridge or [] for part in ("--bridge", text)]
+    shared = ["--autopilot", plan.autopilot, "--url", plan.url, "--load", "estimate",
+              "--speed-up", str(speed_up), *more]  # fmt: skip
+    commands = [[*shared, "--seed", str(seed)] for seed in range(flights)]
+    values = resources.parameters(plan.config, "bridge") | plan.parameters()
+
+    def measure() -> list[Row]:
+        folder = new_folder(Path("out/bench"))
+        console.print(f"All that is left of it is in {folder}.")
+        with bar("flights and kills", flights + kills) as show:
+            return real.rows(commands, values, kills, folder, show)
+
+    return measure
 
 
 def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:

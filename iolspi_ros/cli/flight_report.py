@@ -11,6 +11,7 @@ from iolspi_ros.cli.progress import baseline, console
 
 if TYPE_CHECKING:
     from iolspi_ros.cli.flight import Flown
+    from iolspi_ros.experiments.history import EpisodeRecord
     from iolspi_ros.nodes.monitor import Monitor
     from sim_nodes.tasks.base import Task
 
@@ -35,6 +36,7 @@ def write(
     }  # fmt: skip
     if plan.demonstrated:
         extra["demonstrated_samples"] = plan.demonstrated
+    extra |= _flown(vehicle, monitor.episodes)
     successes = int(succeeded(vehicle, episodes).sum()) if episodes else 0
     if shown:
         extra["shown_success_fraction"] = successes / len(shown)
@@ -54,6 +56,19 @@ def write(
         f"  {summary['success_fraction']:.0%} is what the same policy does on the model.\n"
         f"  That took {seconds:.0f} s.\nLook at [bold]{out / 'report.html'}[/bold]"
     )
+
+
+def _flown(vehicle: Task, episodes: list[EpisodeRecord]) -> dict[str, int]:
+    """Of all whole episodes, while learning and shown: how they ended."""
+    from iolspi_ros.experiments.evaluate import succeeded
+    from sim_nodes.tasks.slung_load import CABLE, WALL
+
+    crashes = sum(episode.rewards[-1] in (CABLE, WALL) for episode in episodes)
+    successes = int(succeeded(vehicle, episodes).sum()) if episodes else 0
+    return {
+        "flown_episodes": len(episodes), "flown_successes": successes,
+        "flown_crashes": int(crashes),
+    }  # fmt: skip
 
 
 def _facts(vehicle: Task, successes: int, count: int, kind: str, flown: Flown) -> list[Fact]:

@@ -73,8 +73,14 @@ class Situation(NamedTuple):
         Since the vehicle was heard at all.
     telemetry_age : float
         Since its last position.
+    stalled : float
+        For how long we ourselves did nothing, just now; zero when that was heard of since.
     armed, controlled : bool
         By its last heartbeat; in the mode in which it obeys setpoints.
+    mode : str
+        The mode's name, for people.
+    failsafe : bool
+        A failsafe of its own is acting.
     lost : float
         For how long the autopilot has not known where it is.
     round_trip : float
@@ -95,16 +101,19 @@ class Situation(NamedTuple):
         What is beyond the envelope; empty inside.
     pilot, deadman : bool
         A person has taken over; a person lets the learner fly.
-    jumped : bool
-        The autopilot's clock is not what it was.
+    jumped : str
+        How the autopilot's clock is not what it was; empty when it is.
     paused : bool
         A person has asked to wait.
     """
 
     silence: float = 0.0
     telemetry_age: float = 0.0
+    stalled: float = 0.0
     armed: bool = True
     controlled: bool = True
+    mode: str = ""
+    failsafe: bool = False
     lost: float = 0.0
     round_trip: float = 0.0
     load_age: float = 0.0
@@ -116,7 +125,7 @@ class Situation(NamedTuple):
     violation: str = ""
     pilot: bool = False
     deadman: bool = True
-    jumped: bool = False
+    jumped: str = ""
     paused: bool = False
 
 
@@ -129,12 +138,15 @@ class Ruling(NamedTuple):
 
 def arbitrate(s: Situation, timeouts: Timeouts) -> Ruling:
     """Who commands a vehicle in flight."""
+    if s.stalled > timeouts.telemetry_timeout:
+        return Ruling(Authority.HOLD, f"the bridge itself stood still for {s.stalled:.1f} s")
     if s.silence > timeouts.telemetry_timeout:
         return Ruling(Authority.HOLD, f"nothing heard for {timeouts.telemetry_timeout:g} s")
     if not s.armed:
         return Ruling(Authority.OTHER, "the vehicle was disarmed")
     if not s.controlled:
-        return Ruling(Authority.OTHER, "somebody changed the mode")
+        who = "the autopilot's own failsafe" if s.failsafe else "somebody"
+        return Ruling(Authority.OTHER, f"{who} changed the mode" + (s.mode and f" to {s.mode}"))
     if s.lost > timeouts.estimator_timeout:
         return Ruling(Authority.LAND, "the autopilot has lost its position estimate")
     if s.telemetry_age > timeouts.telemetry_timeout:
@@ -146,7 +158,7 @@ def arbitrate(s: Situation, timeouts: Timeouts) -> Ruling:
     if s.violation:
         return Ruling(Authority.HOLD, f"envelope: {s.violation}")
     if s.jumped:
-        return Ruling(Authority.HOLD, "the autopilot's clock has jumped")
+        return Ruling(Authority.HOLD, s.jumped)
     if s.round_trip > timeouts.round_trip_limit:
         return Ruling(
             Authority.HOLD, f"the link is slow: over {timeouts.round_trip_limit:g} s there and back"

@@ -8,7 +8,7 @@ list wins: jerk, acceleration, swing, speed, box.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from iolspi_ros.errors import InputError
@@ -16,7 +16,9 @@ from iolspi_ros.settings import Settings, setting
 from sim_nodes.tasks.base import G
 from sim_nodes.tasks.slung_load import SlungLoad
 
-_ROOM = 0.3  # that braking leaves to the end of the box, and that beyond it is no violation [m]
+_BEYOND = 0.3  # the box, so far, is no violation yet [m]
+_NOISES = 2.0  # deviations of the measured position that the margin grows by
+_MOST = 0.5  # it grows to [m]: that far from the wall the task's own starts are
 _SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
 
@@ -66,6 +68,10 @@ class Limits(Settings):
     tilt: float = setting(0.8, "greatest tilt [rad]", low=0.05, high=1.5)
     swing: float = setting(1.45, "greatest angle of the cable [rad]", low=0.05, high=1.57)
     jerk: float = setting(80.0, "greatest change of acceleration [m/s^3]", low=1.0, high=1e4)
+    margin: float = setting(
+        0.3, "left between the walls and where it comes to rest [m], without noise; with noise of "
+        "the measured position up to 0.5", low=0.0, high=5.0,
+    )  # fmt: skip
     response: float = setting(
         0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
     )
@@ -84,6 +90,12 @@ class Limits(Settings):
             pair = getattr(self, name)
             if len(pair) != 2 or not pair[0] < pair[1]:
                 raise InputError(f"{name} is {list(pair)}; allowed: two numbers, the least first")
+
+
+def widened(limits: Limits, noise: float) -> Limits:
+    """Limits with more room to the walls, as the standard deviation of the position asks [m]."""
+    margin = limits.margin + _NOISES * noise
+    return replace(limits, margin=max(limits.margin, min(margin, _MOST)))
 
 
 class Limited(NamedTuple):
@@ -137,7 +149,7 @@ def violation(limits: Limits, motion: Motion) -> str:
     """What is beyond the envelope, in words; empty inside. NaN is beyond it."""
     low, high = limits.box
     checks: tuple[tuple[str, float, float, float, str], ...] = (
-        ("x", motion.x, low - _ROOM, high + _ROOM, "m"),
+        ("x", motion.x, low - _BEYOND, high + _BEYOND, "m"),
         ("distance from the track", abs(motion.across), 0.0, limits.corridor, "m"),
         ("height", motion.height, limits.heights[0], limits.heights[1], "m"),
         ("speed", abs(motion.speed), 0.0, 1.15 * limits.speed, "m/s"),
@@ -164,8 +176,8 @@ def _speed_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
 def _box_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
     """So that the vehicle comes to rest inside the box, whoever stops sending, and when."""
     low, high = limits.box
-    upper = _stopping_bound(limits, high - _ROOM - motion.x, motion.speed)
-    lower = -_stopping_bound(limits, motion.x - low - _ROOM, -motion.speed)
+    upper = _stopping_bound(limits, high - limits.margin - motion.x, motion.speed)
+    lower = -_stopping_bound(limits, motion.x - low - limits.margin, -motion.speed)
     return lower, upper
 
 
@@ -197,7 +209,7 @@ def stick_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
     def towards(room: float) -> float:  # v (τ + T) + v²/(2 b) = room
         return -b * way + math.sqrt((b * way) ** 2 + 2.0 * b * max(room, 0.0))
 
-    return -towards(motion.x - low - _ROOM), towards(high - _ROOM - motion.x)
+    return -towards(motion.x - low - limits.margin), towards(high - limits.margin - motion.x)
 
 
 def _swing_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from typing import Any
 from msg_bridge.mavlink import setpoints
 from msg_bridge.mavlink.arbiter import Authority, Ruling, Situation, Timeouts, arbitrate
 from msg_bridge.mavlink.convert import Track
-from msg_bridge.mavlink.envelope import Limits, Motion, violation
+from msg_bridge.mavlink.envelope import Limits, Motion, violation, widened
 from msg_bridge.mavlink.estimator import StateEstimator
 from msg_bridge.mavlink.guidance import Guidance
 from msg_bridge.mavlink.joystick import SafetyPilot
@@ -89,7 +89,7 @@ class Flight:
         self._motion = Motion()
         self._pilot = SafetyPilot()
         self._violations = 0
-        self._last = self._asked = 0.0
+        self._last = self._asked = self._stalled = 0.0
         self._restarts = link.telemetry.restarts
         self._told = (Phase.IDLE, Authority.NOBODY)
         self._commands: dict[Command, Callable[[float], object]] = {
@@ -98,7 +98,7 @@ class Flight:
             Command.ARM: lambda _: link.arm(True),
             Command.TAKE_OFF: lambda _: link.take_off(settings.height),
             Command.SET_GROUND: lambda _: self._estimator.stand(),
-            Command.START_EPISODE: lambda _: self._guidance.rest(),
+            Command.START_EPISODE: lambda _: self._start_episode(),
             Command.RELEASE: lambda now: self._payload.release(self._motion, now),
             Command.RELOAD: lambda now: self._payload.reload(now),
         }
@@ -163,6 +163,7 @@ class Flight:
                 "reason": self._ruling.reason,
                 "waiting for": machine.waits_for,
                 "noise at rest": dict(zip(NOISE, machine.settling.noise.round(3), strict=True)),
+                "margin [m]": round(self._guidance.limits.margin, 3),
                 "autopilot": f"{self.profile.name}, {mode}, {'armed' if t.armed else 'disarmed'}",
                 "load": "reported by its own system" if self._estimator.feed else "estimated",
                 "round trip [s]": round(t.round_trip, 4),
@@ -228,7 +229,9 @@ class Flight:
     def listen(self, now: float, more: Callable[[], bool] = lambda: True) -> bool:
         """Take what has come while there is time for `more`; whether that was all."""
         with self._lock:
-            return self.link.poll(now, more)
+            done = self.link.poll(now, more)
+            self.link.telemetry.behind &= not done
+            return done
 
     def tick(self, now: float) -> None:
         """Decide, move on, and send a setpoint."""
@@ -252,6 +255,10 @@ class Flight:
     def _fly(self, now: float) -> None:
         dt = now - self._last
         self._last = now
+        self._stalled = dt
+        if dt > self.timeouts.telemetry_timeout:  # what was last heard is where it was long ago
+            self.link.telemetry.behind = True
+            self.link.telemetry.behind = not self.link.poll(now)
         self._machine.pass_time(dt, self._guidance.applied)
         self._motion = self._estimator.motion(now)
         self._look(now)
@@ -306,8 +313,11 @@ class Flight:
         return Situation(
             silence=now - t.heard_time,
             telemetry_age=now - t.position_time,
+            stalled=self._stalled,
             armed=t.armed,
             controlled=t.mode == self.profile.controlled,
+            mode=self.profile.mode_name(t.mode),
+            failsafe=t.failsafe,
             lost=max(now - t.lost_time, 0.0),
             round_trip=t.round_trip,
             load_age=self._estimator.load_age(now) if hanging else 0.0,
@@ -319,7 +329,7 @@ class Flight:
             violation=violation(self.limits, self._motion) if in_episode else "",
             pilot=self._pilot.stick is not None,
             deadman=self._pilot.deadman or machine.phase is Phase.TAKEOFF,
-            jumped=now - t.jump_time < _JUMPED,
+            jumped=t.jump if now - t.jump_time < _JUMPED else "",
             paused=self._pilot.paused,
         )
 
@@ -355,6 +365,10 @@ class Flight:
         if news != self._told:
             self._told = news
             self._outputs.change(AuthorityChange(self._machine.number, self.step, now, *news))
+
+    def _start_episode(self) -> None:
+        self._guidance.limits = widened(self.limits, float(self._machine.settling.noise[0]))
+        self._guidance.rest()
 
     def _wanted(self) -> float:
         """Acceleration of the action in force [m/s²]."""

@@ -38,6 +38,11 @@ class Guidance:
     settings : FlightSettings
     limits : Limits
     estimator : StateEstimator
+
+    Attributes
+    ----------
+    limits : Limits
+        Those in force now.
     """
 
     def __init__(
@@ -48,7 +53,7 @@ class Guidance:
         limits: Limits,
         estimator: StateEstimator,
     ) -> None:
-        self._profile, self._settings, self._limits = profile, settings, limits
+        self._profile, self._settings, self.limits = profile, settings, limits
         self._estimator, self._neutral = estimator, task.description.neutral
         self._choices = np.array([action.value[0] for action in task.description.actions[:RELEASE]])
         self._transit = Transit(limits.cable, limits.response)
@@ -98,7 +103,7 @@ class Guidance:
             return None
         if authority is Authority.PILOT:
             self._anchor = None
-            slow, fast = stick_bounds(self._limits, motion)
+            slow, fast = stick_bounds(self.limits, motion)
             speed = max(slow, min(stick * _STICK_SPEED, fast))
             return VelocitySetpoint(speed, *self._back(motion))
         if authority is Authority.OTHER:
@@ -119,7 +124,7 @@ class Guidance:
 
         Accelerations from a noisy estimate would stir up again what is nearly at rest.
         """
-        away, pull = abs(m.x - target), G / self._limits.cable
+        away, pull = abs(m.x - target), G / self.limits.cable
         swing = math.hypot(m.swing, m.swing_rate / math.sqrt(pull))  # its amplitude
         if self._resting:
             self._resting = away < 1.2 and swing < 0.3
@@ -157,7 +162,7 @@ class Guidance:
 
     def _push(self, wanted: float, m: Motion, dt: float) -> Setpoint:
         """An acceleration inside the envelope, and which of the actions that is."""
-        limited = limit(self._limits, wanted, m, self._before, dt)
+        limited = limit(self.limits, wanted, m, self._before, dt)
         reasons = [reason for reason in limited.reasons if reason != "jerk"]
         self.interventions.update(reasons)
         applied = limited.acceleration if reasons else wanted

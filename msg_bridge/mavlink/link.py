@@ -66,7 +66,8 @@ class AutopilotLink:
         book: StampBook | None = None,
     ) -> None:
         self._transport, self.telemetry = transport, telemetry
-        self._file = None if log is None else log.open("wb")
+        # Unbuffered: what led to a kill is what one wants to read.
+        self._file = None if log is None else log.open("wb", buffering=0)
         self.codec = Codec(SYSTEM, COMPONENT, key, self._file, book)
         self.sources = Sources()
         self.unread = 0

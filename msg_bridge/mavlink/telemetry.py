@@ -23,6 +23,8 @@ NEVER = -math.inf
 # EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS agree in these bits.
 _ATTITUDE, _VELOCITY, _RELATIVE, _ABSOLUTE = 1, 2, 8, 16
 _JUMP = 1.0  # of the autopilot's clock against ours [s] that is more than a slow link
+_AGAIN = 0.3  # of each other [s] two differences of the clocks are the same
+_FAILSAFE = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
 _FOLLOW = 0.02  # share of the clocks' difference that is taken over with each position
 _INTEGERS = tuple(range(dialect.MAV_PARAM_TYPE_UINT8, dialect.MAV_PARAM_TYPE_INT64 + 1))
 
@@ -42,6 +44,10 @@ class Telemetry:
         Of AUTOPILOT_VERSION: its unique number, empty for none, None as long as it was not said.
     outputs : tuple of int
         Widths of pulse of its outputs from the first on [µs].
+    jump_time, jump : float, str
+        When its clock was last not what it was, and how.
+    behind : bool
+        We ourselves stood still, and have not read since all that was waiting: what comes is old.
     lost_time : float
         Since when the autopilot has said that it does not know where it is; infinite if it does.
     """
@@ -52,6 +58,7 @@ class Telemetry:
     autopilot: int | None = None
     mode: int = -1
     armed: bool = False
+    failsafe: bool = False
     heard_time: float = NEVER
     position: Array = field(default_factory=lambda: np.full(3, np.nan))
     velocity: Array = field(default_factory=lambda: np.full(3, np.nan))
@@ -64,6 +71,8 @@ class Telemetry:
     load_offset: Array = field(default_factory=lambda: np.full(3, np.nan))
     load_time: float = NEVER
     jump_time: float = NEVER
+    jump: str = ""
+    behind: bool = False
     restarts: int = 0
     boot: float = math.nan
     texts: deque[tuple[float, int, str]] = field(default_factory=lambda: deque(maxlen=50))
@@ -78,6 +87,7 @@ class Telemetry:
     _globe: Any = None
     _globe_time: float = NEVER
     _skew: float = math.nan
+    _skew_before: float = math.nan
 
     @property
     def ready(self) -> bool:
@@ -112,7 +122,7 @@ class Telemetry:
         self.autopilot, self.flags, self.lost_time = None, None, math.inf
         self.mode, self.armed = -1, False
         self.position_time = self.load_time = self.jump_time = NEVER
-        self.boot = self._skew = math.nan
+        self.boot = self._skew = self._skew_before = math.nan
         self.round_trips.clear()
         self.acks.clear()
         self.parameters.clear()
@@ -129,6 +139,7 @@ class Telemetry:
         self.autopilot = message.autopilot
         self.mode = message.custom_mode
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.failsafe = message.system_status in _FAILSAFE
 
     def _local(self, message: Any, now: float) -> None:
         position, velocity = convert.local_position(message)
@@ -150,16 +161,25 @@ class Telemetry:
 
     def _watch_clock(self, boot: float, now: float) -> None:
         """Compare the autopilot's clock with ours, and notice when it jumps."""
-        skew = boot - now
-        if not math.isnan(self._skew) and abs(skew - self._skew) > _JUMP:
-            self.jump_time = now
-            self.restarts += boot < self.boot and boot < 60.0
-            self._skew = skew
-        elif math.isnan(self._skew):
-            self._skew = skew
-        else:
-            self._skew += _FOLLOW * (skew - self._skew)
+        skew, passed, ours = boot - now, boot - self.boot, now - self.position_time
         self.boot = boot
+        change = skew - self._skew
+        if math.isnan(change):
+            self._skew = skew
+        elif self.behind:
+            return  # it came late because we did
+        elif abs(change) > _JUMP:
+            self.jump_time = now
+            self.restarts += passed < 0.0 and boot < 60.0
+            if change > 0.0 and abs(skew - self._skew_before) < _AGAIN:
+                self.jump = f"what the autopilot says came {change:.1f} s late"
+            elif change < 0.0 <= passed and ours > _JUMP:
+                self.jump = f"the autopilot's clock stood still for {-change:.1f} s"
+            else:
+                self.jump = f"the autopilot's clock has jumped by {change:+.1f} s"
+            self._skew_before, self._skew = self._skew, skew
+        else:
+            self._skew += _FOLLOW * change
 
     def _attitude(self, message: Any, now: float) -> None:
         if math.isfinite(message.roll) and math.isfinite(message.pitch):

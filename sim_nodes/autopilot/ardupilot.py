@@ -120,6 +120,12 @@ class ArduPilot(Commander):
 
     # ------------------------------------------------------------ failsafes
 
+    @property
+    def critical(self) -> bool:
+        """Whether its heartbeat says that a failsafe acts: its modes do not tell."""
+        station = self._station_lost and bool(self.parameters["FS_GCS_ENABLE"])
+        return self._estimator_acted or station
+
     def tick(self, now: float) -> None:
         """Look after the override too: it lapses, armed or not."""
         if now - self._override_at > float(self.parameters["RC_OVERRIDE_TIME"]):

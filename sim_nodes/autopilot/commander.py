@@ -100,6 +100,11 @@ class Commander:
         return max(self.failsafes.values(), key=_GRAVITY.index)
 
     @property
+    def critical(self) -> bool:
+        """Whether its heartbeat says that a failsafe acts."""
+        return bool(self.failsafes)
+
+    @property
     def mode(self) -> Mode:
         """What it really does."""
         return self.failsafe or self.intended

@@ -50,7 +50,7 @@ def heartbeat(a: State) -> Any:
     if a.commander.armed:
         flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     state = mavlink.MAV_STATE_ACTIVE if a.commander.armed else mavlink.MAV_STATE_STANDBY
-    if a.commander.failsafe:
+    if a.commander.critical:
         state = mavlink.MAV_STATE_CRITICAL
     number = a.firmware.modes[a.commander.mode]
     return mavlink.MAVLink_heartbeat_message(2, a.firmware.autopilot, flags, number, state, 3)
