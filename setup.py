@@ -24,7 +24,7 @@ setup(
     name=PACKAGE,
     version=VERSION,
     packages=find_packages(include=["iolspi_ros*", "sim_nodes*", "msg_bridge*"]),
-    package_data={"msg_bridge.cockpit": ["static/*"]},
+    package_data={"iolspi_ros": ["static/*"], "msg_bridge.cockpit": ["static/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

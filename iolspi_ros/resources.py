@@ -10,6 +10,9 @@ from typing import Any
 from iolspi_ros import arguments
 from iolspi_ros.errors import InputError
 
+PAINTER = Path(__file__).resolve().parent / "static" / "space.js"
+"""What pages draw a vehicle with."""
+
 
 def find(*parts: str) -> Path:
     """Path of a file or folder such as ("config", "pendulum.yaml").

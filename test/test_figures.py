@@ -26,6 +26,8 @@ from iolspi_ros.experiments.thesis import catalogue
 from iolspi_ros.experiments.thesis.study import read_rows
 from iolspi_ros.report import headline, page, plots
 from iolspi_ros.report import run as report
+from sim_nodes import pictures
+from sim_nodes.tasks import task_class
 from sim_nodes.tasks.pendulum import Pendulum
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -213,3 +215,18 @@ def test_a_report_fits_its_window(finished, tmp_path, width):
     assert smallest >= 14.0
     text = figures.SMALL / 72.0 / figures.WIDTH  # of a picture's width
     assert min(images) * text >= 10.5
+
+
+@pytest.mark.parametrize(("name", "deep"), [("pendulum", False), ("slung_load_3d", True)])
+def test_an_animation_in_space_can_be_seen_from_more_than_one_side(name, deep):
+    vehicle = task_class(name)()
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, vehicle.description.n_dims))
+    films = [[pictures.picture(vehicle, state) for state in one] for one in states]
+    html_page = page.animation("Flown", films, ["", ""], 0.1)
+    content = json.loads(re.search(r"const f=(\{.*?\}), canvas", html_page)[1])
+    assert content["deep"] is deep
+    points = [p for film in films for seen in film for shape in seen for p in shape.points]
+    np.testing.assert_allclose(
+        content["seen"], np.transpose([np.min(points, axis=0), np.max(points, axis=0)]), atol=1e-4
+    )
+    assert "window.space" in html_page

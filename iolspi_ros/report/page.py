@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from iolspi_ros import figures
 from iolspi_ros.core.checkpoint import atomic_file
+from iolspi_ros.resources import PAINTER
 from sim_nodes.tasks.shapes import Picture
 
 _STYLE = """
@@ -31,33 +32,39 @@ p.lead{color:#52606d;margin-top:0}img,canvas{max-width:100%;height:auto}
 table{border-collapse:collapse;font-size:.9rem}
 td,th{padding:.1rem .8rem .1rem 0;vertical-align:top;overflow-wrap:anywhere;text-align:left}
 .scroll{overflow-x:auto}.scroll td,.scroll th{overflow-wrap:normal;min-width:4.5rem}
-canvas{background:#f8f9fa;border-radius:.5rem;display:block}p.say{color:#52606d;margin:.2rem 0}
+canvas{background:#f8f9fa;border-radius:.5rem;display:block}
+#views button{font:inherit;font-size:.9rem;margin:.3rem .4rem .3rem 0;padding:.2rem .8rem;
+ border:1px solid #cbd2d9;border-radius:2rem;background:#fff;color:inherit;cursor:pointer}
+#views button[aria-pressed=true]{background:#0b7285;color:#fff}p.say{color:#52606d;margin:.2rem 0}
 """
 
 _FILM = """
 <h2>HEADING</h2>
+<div id="views" role="group" aria-label="view"></div>
 <canvas id="film" role="img" aria-label="ALT"></canvas>
 <p class=say id="clock"></p>
 <script>
+PAINTER
 const f=FILM, canvas=document.getElementById('film'), c=canvas.getContext('2d');
-const [left,bottom,right,top_]=f.box, scale=Math.min(720/(right-left),320/(top_-bottom));
-canvas.width=(right-left)*scale; canvas.height=(top_-bottom)*scale;
-const X=x=>(x-left)*scale, Z=z=>(top_-z)*scale, pause=0.7;
-let which=0, begun=performance.now();
+canvas.width=720; canvas.height=f.deep?420:320;
+const views=f.deep?Object.keys(space.VIEWS):['side'], buttons=document.getElementById('views');
+let from=views[0], which=0, begun=performance.now();
+if(f.deep) for(const name of views){const b=document.createElement('button'); b.textContent=name;
+ b.onclick=()=>{from=name}; buttons.append(b)}
+const pause=0.7;
 function draw(now){
  let frames=f.episodes[which], t=Math.max(now-begun,0)/1000*f.speed;
  if(t>(frames.length-1)*f.dt+pause*f.speed){
   which=(which+1)%f.episodes.length; frames=f.episodes[which]; begun=now; t=0}
  const at=Math.min(t/f.dt,frames.length-1), k=Math.floor(at), u=at-k, next=frames[Math.min(k+1,
   frames.length-1)];
- c.clearRect(0,0,canvas.width,canvas.height); c.lineCap='round';
- f.shapes.forEach((s,i)=>{
-  const p=frames[k][i].map((v,j)=>v+u*(next[i][j]-v));
-  c.fillStyle=c.strokeStyle=s.colour;
-  if(s.kind=='line'){c.lineWidth=Math.max(s.size[0]*scale,1.5); c.beginPath();
-   for(let j=0;j<p.length;j+=2) c.lineTo(X(p[j]),Z(p[j+1])); c.stroke()}
-  else if(s.kind=='ball'){c.beginPath(); c.arc(X(p[0]),Z(p[1]),s.size[0]/2*scale,0,7); c.fill()}
-  else{const w=s.size[0]*scale,h=s.size[2]*scale; c.fillRect(X(p[0])-w/2,Z(p[1])-h/2,w,h)}});
+ const shapes=f.shapes.map((s,i)=>({...s, points:frames[k][i].map((p,j)=>
+  p.map((v,d)=>v+u*(next[i][j][d]-v)))}));
+ const vehicle=shapes.find(s=>s.name=='vehicle'), w=canvas.width, h=canvas.height;
+ c.clearRect(0,0,w,h);
+ space.paint(c,shapes,space.VIEWS[from](vehicle?vehicle.points[0]:[0,0,0],f.seen,w,h),
+  from=='on board'?'vehicle':'');
+ for(const b of buttons.children) b.setAttribute('aria-pressed',b.textContent==from);
  document.getElementById('clock').textContent=(at*f.dt).toFixed(2)+' s of episode '+(which+1)+
   ' of '+f.episodes.length+f.ends[which]+', SPEED';
  requestAnimationFrame(draw)}
@@ -85,22 +92,20 @@ def animation(
     step = max(1, round(0.02 / dt))  # closer ones are only more to load
     films = [frames[::step] for frames in films]
     points = np.array([p for frames in films for seen in frames for s in seen for p in s.points])
-    margin = 0.15 * float(np.ptp(points[:, 2])) + 1e-9
     speed = 0.5 if len(films[0]) * step * dt < 2.0 else 1.0
     content = {
         "dt": step * dt,
         "speed": speed,
         "ends": [f" ({end})" if end else "" for end in ends],
-        "box": [points[:, 0].min() - margin, points[:, 2].min() - margin,
-                points[:, 0].max() + margin, points[:, 2].max() + margin],
+        "deep": bool(np.abs(points[:, 1]).max() > 1e-6),
+        "seen": np.stack([points.min(axis=0), points.max(axis=0)], axis=1).round(4).tolist(),
         "shapes": [
-            {"kind": s.kind, "size": s.size,
-             "colour": "rgb(" + " ".join(f"{255 * v:.0f}" for v in s.colour[:3])
-                       + f" / {s.colour[3]})"}
+            {"name": s.name, "kind": s.kind, "size": s.size,
+             "colour": [*(round(255 * v) for v in s.colour[:3]), s.colour[3]]}
             for s in films[0][0]
         ],
         "episodes": [
-            [[[round(v, 4) for x, _, z in s.points for v in (x, z)] for s in seen]
+            [[[[round(v, 4) for v in point] for point in s.points] for s in seen]
              for seen in frames]
             for frames in films
         ],
@@ -109,7 +114,8 @@ def animation(
     alt = f"animation of {len(films)} episodes" + (f": {told}" if told else "")
     page = _FILM.replace("HEADING", html.escape(heading)).replace("ALT", html.escape(alt))
     page = page.replace("SPEED", "in real time" if speed == 1.0 else "at half speed")
-    return page.replace("FILM", json.dumps(content, separators=(",", ":")))
+    page = page.replace("FILM", json.dumps(content, separators=(",", ":")))
+    return page.replace("PAINTER", PAINTER.read_text(encoding="utf-8"))
 
 
 def write(

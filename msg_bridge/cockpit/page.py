@@ -8,6 +8,7 @@ from fastapi import FastAPI, WebSocket
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
+from iolspi_ros.resources import PAINTER
 from msg_bridge.cockpit.session import Session
 from msg_bridge.cockpit.words import TUNED
 
@@ -28,6 +29,7 @@ def make_app(session: Session) -> FastAPI:
     """What a server serves: the page, its files and its socket."""
     app = FastAPI(openapi_url=None)
     app.mount("/cockpit", StaticFiles(directory=STATIC))
+    app.mount("/painter", StaticFiles(directory=PAINTER.parent))
 
     @app.websocket("/socket")
     async def socket(browser: WebSocket) -> None:
@@ -44,8 +46,8 @@ def show() -> None:
     """Lay the page out."""
     ui.colors(primary="#0b7285", secondary="#8a4b00")
     ui.add_head_html('<link rel="stylesheet" href="/cockpit/cockpit.css">')
-    for script in ("space", "cockpit"):
-        ui.add_body_html(f'<script src="/cockpit/{script}.js" defer></script>')
+    for script in (f"painter/{PAINTER.name}", "cockpit/cockpit.js"):
+        ui.add_body_html(f'<script src="/{script}" defer></script>')
     with _part("header", "top"):
         _part("h1", "task").props('aria-live="polite"')
         _part("span", "who")
