@@ -20,6 +20,7 @@ from sim_nodes.world import World, WorldSettings
 Array = NDArray[np.float64]
 
 LOOKS = 20
+"""How often a policy is judged after the beginning, in equal times."""
 
 
 @dataclass(frozen=True)

@@ -63,18 +63,16 @@ _WORDS = {"time": f"seconds to {NEAR:.0%}", "crashes_until": f"crashes until {DU
 
 
 CHOOSE = {
-    "iolspi": "When vehicle time is dear and somebody can show the task; the default.",
+    "iolspi": "When rewards jump, as at a release, or vehicle time is dear; the default.",
     "sarsa": "When a microcontroller must learn, and what exploring costs shall count.",
-    "q_learning": "When each step may cost microseconds alone, and vehicle time is cheap.",
-    "policy_search": "When the policy must be a few numbers that a person can read.",
-    "value_iteration": "When the dynamics are smooth and a model of them is wanted besides.",
-    "continuous_value_iteration": (
-        "When the value is nearly quadratic: holding a setpoint, the actions along one axis."
-    ),
+    "q_learning": "When a step may cost microseconds alone, and vehicle time is cheap.",
+    "policy_search": "When the policy must be a few numbers, for holding a setpoint.",
+    "value_iteration": "When the dynamics are smooth and the state is small: then it needs least.",
+    "continuous_value_iteration": "When the value is quadratic, and any action may be taken.",
     "automata": "When a few settings are chosen once, and each choice is rewarded soon.",
-    "apprentice": "When an expert has flown enough, and nobody may explore before it flies well.",
-    "fitted_q": "When nothing is known of scales and limits, and rewards jump.",
-    "dqn": "When the state is an image or very large, and a simulator gives millions of steps.",
+    "apprentice": "When an expert has flown, the state is of two variables, and none may explore.",
+    "fitted_q": "When nothing is known of scales and limits, and a step moves far.",
+    "dqn": "When the state is large, such as an image, and a simulator gives millions of steps.",
 }
 
 
@@ -110,7 +108,7 @@ def _cell(row: dict[str, Any], what: str) -> str:
             return "never"
         got = "" if row["reached"] == row["seeds"] else f" ({row['reached']} of {row['seeds']})"
         return f"{float(row['time']):.3g}{got}"
-    more = ">" if float(row["success"]) < DUNKS else ""
+    more = ">" if int(row["safe"]) < int(row["seeds"]) else ""
     return f"{more}{float(row[what]):.3g}"
 
 
@@ -214,7 +212,8 @@ _SAYS_OVERVIEW = (
     f"Seconds of vehicle time until {IN_A_ROW} looks in a row found the greedy policy within "
     f"{NEAR:.0%} of the near-optimal return, or {MOST:.0%} successes where that return is 0; the "
     "mean of those seeds that got there, and how many did, if not all. *cannot*: the method does "
-    "not take what the case has. *never*: not within the run. A number behind > goes on."
+    "not take what the case has. *never*: not within the run. Behind > "
+    "stands the mean of counts of which some went on to the end of the run."
 )
 _SAYS_DETAILS = (
     "T 4-4: time to learn, final performance, accumulated return, the last as reward a second "

@@ -24,7 +24,7 @@ DUNKS = 0.8
 IN_A_ROW = 2
 """Looks that must find a policy near, so that it is not by chance."""
 
-COUNTS = ("seeds", "reached")
+COUNTS = ("seeds", "reached", "safe")
 MEASURES = ("time", "final", "success", "score", "crashes", "crashes_until", "processor")
 """Time to learn [s]; final return; share of successes; rewards a second while learning; crashes
 in all, and until `DUNKS` of the starts succeed; processor seconds."""
@@ -74,6 +74,7 @@ def measured(case: Case, store: Store) -> tuple[Rows, Rows]:
                 found[name].append(value)
         reached = [value for value in found["time"] if np.isfinite(value)]
         row = about | {"seeds": len(whole), "reached": len(reached)}
+        row["safe"] = sum(first_near(run["success"] >= DUNKS) is not None for run in whole)
         for name in MEASURES:
             values = np.array(reached if name == "time" else found[name])
             spread = interval(values) if len(values) else Interval(*[np.nan] * 3)
