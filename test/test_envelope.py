@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from iolspi_ros.errors import InputError
-from msg_bridge.mavlink.envelope import Limits, Motion, limit, violation, widened
+from msg_bridge.mavlink.envelope import Limits, Motion, limit, starts, violation, widened
 
 LIMITS = Limits(braking=2.0)
 DT = 0.02
@@ -187,17 +187,20 @@ def test_a_box_has_its_least_end_first():
 
 
 @pytest.mark.parametrize(
-    ("noise", "margin"), [(0.0, 0.3), (0.05, 0.4), (0.1, 0.5), (0.2, 0.5), (9.0, 0.5)]
+    ("noise", "margin"), [(0.0, 0.3), (0.05, 0.45), (0.1, 0.6), (0.2, 0.9), (9.0, 1.0)]
 )
 def test_the_margin_to_the_walls_grows_with_the_noise_of_the_position(noise, margin):
-    """The task's own starts, half a metre from the wall, stay inside it."""
     limits = widened(LIMITS, noise)
     assert limits.margin == pytest.approx(margin)
-    assert limits.box[0] + limits.margin - 1e-9 <= -6.0
+    low, high = starts(limits)
+    for x in (low, high):  # who is at rest there is left alone
+        assert limit(limits, 0.0, Motion(x=x), 0.0, DT) == (0.0, ())
+    assert low - limits.box[0] == pytest.approx(limits.box[1] - high)
+    assert 0.0 < low - limits.box[0] - margin < 0.2
 
 
 def test_a_margin_that_was_chosen_is_never_made_smaller():
-    assert widened(Limits(margin=0.8), 0.2).margin == 0.8
+    assert widened(Limits(margin=1.2), 0.2).margin == 1.2
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

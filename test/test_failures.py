@@ -275,6 +275,16 @@ def test_a_bridge_that_was_frozen_stops_the_vehicle_where_it_is_by_now(tmp_path,
         assert all(abs(y - there) < 0.3 for y in asked), (start, there, asked)
 
 
+def test_starts_are_kept_away_from_the_walls_as_far_as_the_noise_asks(tmp_path):
+    """PX4's position is wrong by 0.2 m: 0.3 m and three times that, and 0.1 m."""
+    low = -6.5 + 0.3 + 3 * 0.2 + 0.1
+    with Flying(tmp_path, "px4", order="sweep") as f:
+        f.in_air()
+        assert f.flight._machine.target == pytest.approx(low)  # the task's own first is -6.0
+        f.in_episode(step=0)
+        assert f.flight.status()["margin [m]"] >= 0.9
+
+
 def test_wrong_system_id(tmp_path):
     """Of the autopilot: the preflight says whom it heard. Of a stranger: nobody listens to it."""
     with Flying(tmp_path, "px4") as f:

@@ -253,3 +253,13 @@ def test_an_impossible_load_is_not_flown(tmp_path, change):
             f.wait(0.1)
             assert f.inside()
             assert f.flight.phase is not Phase.EPISODE
+
+
+@pytest.mark.parametrize(("gap", "doubted"), [(0.02, True), (0.25, False)])
+def test_a_vehicle_is_not_doubted_for_what_we_did_not_say(gap, doubted):
+    """Who stood still for a moment has heard as little as it has said: it looks anew."""
+    check, now = VehicleCheck(), 0.0
+    for k in range(60):
+        now += gap if k == 50 else 0.02
+        check.ask(now, 3.0, 0.0)
+    assert bool(check.impossible()) is doubted

@@ -17,8 +17,9 @@ from sim_nodes.tasks.base import G
 from sim_nodes.tasks.slung_load import SlungLoad
 
 _BEYOND = 0.3  # the box, so far, is no violation yet [m]
-_NOISES = 2.0  # deviations of the measured position that the margin grows by
-_MOST = 0.5  # it grows to [m]: that far from the wall the task's own starts are
+_NOISES = 3.0  # deviations of the position that the margin grows by
+_MOST = 1.0  # it grows to [m]
+_REST = 0.1  # beyond the margin, where a vehicle at rest is left alone [m]
 _SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
 
@@ -70,7 +71,7 @@ class Limits(Settings):
     jerk: float = setting(80.0, "greatest change of acceleration [m/s^3]", low=1.0, high=1e4)
     margin: float = setting(
         0.3, "left between the walls and where it comes to rest [m], without noise; with noise of "
-        "the measured position up to 0.5", low=0.0, high=5.0,
+        "the position up to 1.0", low=0.0, high=5.0,
     )  # fmt: skip
     response: float = setting(
         0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
@@ -96,6 +97,12 @@ def widened(limits: Limits, noise: float) -> Limits:
     """Limits with more room to the walls, as the standard deviation of the position asks [m]."""
     margin = limits.margin + _NOISES * noise
     return replace(limits, margin=max(limits.margin, min(margin, _MOST)))
+
+
+def starts(limits: Limits) -> tuple[float, float]:
+    """Least and greatest x [m] at which an episode may begin at rest."""
+    room = limits.margin + _REST
+    return limits.box[0] + room, limits.box[1] - room
 
 
 class Limited(NamedTuple):

@@ -15,7 +15,7 @@ from typing import Any
 from msg_bridge.mavlink import setpoints
 from msg_bridge.mavlink.arbiter import Authority, Ruling, Situation, Timeouts, arbitrate
 from msg_bridge.mavlink.convert import Track
-from msg_bridge.mavlink.envelope import Limits, Motion, violation, widened
+from msg_bridge.mavlink.envelope import Limits, Motion, starts, violation, widened
 from msg_bridge.mavlink.estimator import StateEstimator
 from msg_bridge.mavlink.guidance import Guidance
 from msg_bridge.mavlink.joystick import SafetyPilot
@@ -83,6 +83,7 @@ class Flight:
         self._machine = PhaseMachine(task, settings, stream_first=profile.stream_first)
         self._payload = Payload(task, link, profile, settings, self._estimator, release_output)
         self._guidance = Guidance(task, profile, settings, limits, self._estimator)
+        self._widen()
         self._check = VehicleCheck()
         self._lock = threading.RLock()
         self._ruling = Ruling(Authority.NOBODY, "not begun")
@@ -367,8 +368,14 @@ class Flight:
             self._outputs.change(AuthorityChange(self._machine.number, self.step, now, *news))
 
     def _start_episode(self) -> None:
-        self._guidance.limits = widened(self.limits, float(self._machine.settling.noise[0]))
+        self._widen()
         self._guidance.rest()
+
+    def _widen(self) -> None:
+        """Leave as much room to the walls as the noise of the position asks for."""
+        noise = max(self.profile.noise, float(self._machine.settling.noise[0]))
+        self._guidance.limits = widened(self.limits, noise)
+        self._machine.starts = starts(self._guidance.limits)
 
     def _wanted(self) -> float:
         """Acceleration of the action in force [m/s²]."""

@@ -78,6 +78,8 @@ class PhaseMachine:
         self.flown = self.abandoned = 0
         self.target = 0.0
         """x of the next initial condition [m]."""
+        self.starts = -np.inf, np.inf
+        """Between which it is kept [m]: the task's own may be too near to a wall."""
         self.landing_reason = ""
         self.unanswered = 0.0
         """For how long nobody has answered an episode [s]."""
@@ -280,6 +282,9 @@ class PhaseMachine:
         self._enter(Phase.TRANSIT, now)
 
     def _draw(self) -> float:
+        return float(np.clip(self._drawn(), *self.starts))
+
+    def _drawn(self) -> float:
         if self.settings.order == "sweep":
             places = np.unique(self.task.initial_states()[:, 0])
             return float(places[self._begun % len(places)])

@@ -23,6 +23,7 @@ _STRAY = 1.2  # that it may be off by then [m]: noise, and a reset of the autopi
 _FROZEN = 0.3  # so long measured numbers may be the same to the last bit [s]...
 _SAME = 5  # ...in so many messages
 _HELD = 0.9  # so long an acceleration has to be asked for before its effect is looked at [s]
+_PAUSE = 0.1  # without a word of ours, after which what is measured is late, too [s]
 _EFFECT = 0.4  # at the end of that the velocity has to change as asked for [s]
 _WEAK = 1.5  # accelerations below are not told from wind [m/s²]
 _DRAG = 1.5  # share of a velocity lost to the air at most [1/s]
@@ -95,6 +96,8 @@ class VehicleCheck:
 
     def ask(self, now: float, acceleration: float, speed: float) -> None:
         """An acceleration was asked for [m/s²], at a speed along the same line [m/s]."""
+        if self._asked and now - self._asked[-1][0] > _PAUSE:
+            self._asked.clear()
         self._asked.append((now, acceleration, speed))
         while now - self._asked[0][0] > 1.5 * _HELD:
             self._asked.popleft()
