@@ -26,7 +26,12 @@ def compare(
         Optional[list[str]], typer.Option("--task", help="Again for more; pendulum by default.")
     ] = None,
     learners: Annotated[
-        str, typer.Option(help="Registered ones, or dqn, with commas between; all: that can.")
+        str,
+        typer.Option(
+            "--learners",
+            "--algorithms",
+            help="Registered ones, or dqn, with commas between; all: that can.",
+        ),
     ] = EVERYBODY,
     seeds: Annotated[int, typer.Option(min=1, help="Realisations of each.")] = 5,
     seconds: Annotated[

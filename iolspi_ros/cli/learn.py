@@ -30,7 +30,12 @@ if TYPE_CHECKING:
 def learn(
     task: Annotated[str, typer.Option(help=TASK)] = "pendulum",
     learner: Annotated[
-        str, typer.Option(help="A registered learner, or module:Class; else what the file says.")
+        str,
+        typer.Option(
+            "--learner",
+            "--algorithm",
+            help="A registered learner, or module:Class; else what the file says.",
+        ),
     ] = "",
     demos: Annotated[
         Optional[list[Path]],
