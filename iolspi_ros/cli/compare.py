@@ -79,8 +79,16 @@ def _cases(tasks: list[str], learners: str, seeds: int, seconds: float | None) -
         )
     found = []
     for task in dict.fromkeys(tasks):
-        found += plan(task, list(dict.fromkeys(names)), seeds, seconds, everybody)
-        left = [name for name in names if name not in found[-1].cells]
+        mine = plan(task, list(dict.fromkeys(names)), seeds, seconds, everybody)
+        able = [case for case in mine if any(case.cells.values())]
+        if not able:
+            raise InputError(
+                f"nothing of {', '.join(names)} can be flown on {task}, for which no "
+                "demonstrations are shipped; allowed: also one that begins from nothing, such as "
+                "iolspi"
+            )
+        found += able
+        left = [name for name in names if not any(case.cells.get(name) for case in able)]
         if left:
             console.print(f"{task}: without {', '.join(left)}, which cannot learn it, or whose "
                           "extra is not installed")  # fmt: skip
