@@ -2,6 +2,7 @@
 
 import csv
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -40,6 +41,24 @@ def test_a_life_is_what_training_is_step_by_step():
     again = lives.learn(setting, 3)
     for name in ("discounted", "success", "rewards", "endings"):
         np.testing.assert_array_equal(found[name], again[name])
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    (["--algorithms", "kite"], "learner is 'kite'; allowed:"),
+    (["--algorithms", " , "], "allowed: all, or names with commas between"),
+    (["--algorithms", "apprentice", "--task", "cart_pole"], "no demonstrations are shipped"),
+    (["--task", "gymnasium:CartPole-v1"], "a task whose class is a dataclass of its settings"),
+    (["--algorithms", "continuous_value_iteration", "--task", "slung_load"], "allowed for this"),
+])  # fmt: skip
+def test_what_cannot_be_compared_is_said(tmp_path, options, words):
+    command = [sys.executable, "-m", "iolspi_ros", "compare", "--out", str(tmp_path / "out")]
+    ended = subprocess.run(
+        [*command, *options], capture_output=True, text=True, timeout=90, check=False
+    )
+    assert ended.returncode == 2
+    assert words.lower() in ended.stderr.lower()
+    assert "Traceback" not in ended.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_is_near():

@@ -80,15 +80,14 @@ def _cases(tasks: list[str], learners: str, seeds: int, seconds: float | None) -
     found = []
     for task in dict.fromkeys(tasks):
         mine = plan(task, list(dict.fromkeys(names)), seeds, seconds, everybody)
-        able = [case for case in mine if any(case.cells.values())]
-        if not able:
+        if not any(cell for case in mine for cell in case.cells.values()):
             raise InputError(
                 f"nothing of {', '.join(names)} can be flown on {task}, for which no "
                 "demonstrations are shipped; allowed: also one that begins from nothing, such as "
                 "iolspi"
             )
-        found += able
-        left = [name for name in names if not any(case.cells.get(name) for case in able)]
+        found += mine
+        left = [name for name in names if not any(case.cells.get(name) for case in mine)]
         if left:
             console.print(f"{task}: without {', '.join(left)}, which cannot learn it, or whose "
                           "extra is not installed")  # fmt: skip
