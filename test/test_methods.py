@@ -343,6 +343,8 @@ def test_actions_that_are_no_axis_are_refused():
 
 @pytest.mark.parametrize("name", METHODS)
 def test_what_is_no_number_is_dropped_and_counted(name):
+    if name == "fitted_q":
+        pytest.importorskip("sklearn")
     core = tabular(name, described(3))
     core.observe(Transition(np.array([np.nan]), 0, 0.0, np.zeros(1)))
     core.observe(Transition(np.zeros(1), 7, 0.0, np.zeros(1)))
