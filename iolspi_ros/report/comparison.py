@@ -149,6 +149,7 @@ def save(cases: Sequence[Case], store: Store, out: Path) -> tuple[Rows, Path]:
         curves += drawn
     write_rows(folder / "table.csv", table)
     write_rows(folder / "curves.csv", curves)
+    table = read_rows(folder / "table.csv")  # so that no number is rounded otherwise below
     document, parts = [*_HEAD, _made(), ""], []
     tables = (
         ("T's Table 4-1, with what was measured", overview(table), _SAYS_OVERVIEW),
