@@ -116,7 +116,8 @@ _HEAD = (
     "`architecture.md`), which can decide a claim. "
     "Curves of one setting share colour and marker; those called refreshed are the refreshed "
     "learner, of fewer realisations, and the dashed black line without markers is the "
-    "near-optimal policy, without exploration.",
+    "near-optimal policy, without exploration. The other methods that T reviews are in "
+    "`methods.md`.",
     "",
 )
 
