@@ -479,7 +479,7 @@ def yaml_file(folder, node, text):
         ),
         ("learner", "epsilon_decay: 1.5", "parameter epsilon_decay is 1.5; allowed"),
         ("learner", "forget_factor: 0.0", "forget_factor is 0.0; allowed: (0.0, 1.0]"),
-        ("learner", "learner: genius", "learner is 'genius'; allowed: iolspi"),
+        ("learner", "learner: genius", "learner is 'genius'; allowed: apprentice"),
         ("learner", "update_interval: 0", "parameter update_interval is 0; allowed"),
         ("learner", "update_interval: often", "update_interval is 'often'; allowed: an integer"),
         ("learner", "centers: [0, 3]", "centers is 0; allowed: [1, inf]"),
