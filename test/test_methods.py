@@ -224,6 +224,18 @@ def test_fitted_q_comes_to_dynamic_programming():
     np.testing.assert_allclose(table(core), exact(), atol=1e-6)
 
 
+def test_what_follows_the_end_of_an_episode_is_worth_nothing():
+    """Into the best place of all by an end: nothing; there itself 1 for ever."""
+    pytest.importorskip("sklearn")
+    core = tabular("fitted_q", tolerance=1e-9)
+    first, best = np.zeros(1), np.ones(1)
+    rows = [Transition(first, 0, 0.0, best, True), Transition(first, 1, 0.0, first, False),
+            *(Transition(best, a, 1.0, best, False) for a in range(2))]  # fmt: skip
+    core.pretrain(Transitions.of(rows * 3, 1))
+    there = 1.0 / (1.0 - GAMMA)
+    np.testing.assert_allclose(table(core)[:2], [[0.0, 0.0], [there, there]], atol=1e-6)
+
+
 def test_packed_trees_say_what_the_library_says():
     ensemble = pytest.importorskip("sklearn.ensemble")
     from iolspi_ros.methods import fitted_q
