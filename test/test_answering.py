@@ -3,11 +3,13 @@
 import signal
 
 import pytest
-from conftest import spin_until
+from conftest import Peer, spin_until
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from iolspi_ros import runtime
 from iolspi_ros.core import checkpoint
+from iolspi_ros.core.learner import Source
 from iolspi_ros.resources import find
 
 SLOW = """
@@ -80,6 +82,27 @@ def test_an_update_without_end(slow, ros, tmp_path, learner, background):
     assert slow.end("graph", signal.SIGTERM) == 0, slow.log("graph")  # soon, or it is killed
     step = checkpoint.read(tmp_path / "c.npz").about["parts"]["learner"]["step"]
     assert step == 100 if background == "false" else step >= 100
+
+
+@pytest.mark.parametrize("vehicle", ["beside", "in this process"])
+def test_a_vehicle_that_does_not_wait_for_an_update_is_flown_and_it_is_said(
+    slow, ros, tmp_path, vehicle
+):
+    """In real time, with an update that never ends, and `background` left as it is."""
+    peer = Peer(ros)
+    peer.listen("action", Float64MultiArray)
+    more = ["-p", "learner:wait_for_demonstrations:=false", "-p", "simulator:mode:=realtime"]
+    parts = ("graph",) if vehicle == "in this process" else ("learner", "simulator")
+    for part in parts:
+        slow.start(part, *arguments(tmp_path, "Slow", *more))
+    slow.wait_for(parts[0], "the vehicle does not wait")
+    n = len(peer.heard["action"])
+    peer.until(lambda: len(peer.heard["action"]) > n + 50)
+    answered = [message.data[5] for message in peer.heard["action"][n:]]
+    assert {Source.EXPLORE, Source.EXPLOIT} & set(answered)
+    assert slow.log(parts[0]).count("does not wait") == 1
+    assert slow.end(parts[0], signal.SIGTERM) == 0, slow.log(parts[0])
+    assert checkpoint.read(tmp_path / "c.npz").about["parts"]["learner"]["step"] > 100
 
 
 def test_an_update_that_fails_is_said_and_the_flight_goes_on(slow, tmp_path):

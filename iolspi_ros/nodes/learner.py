@@ -50,8 +50,9 @@ class NodeSettings(Settings):
         ("",), "namespaces of more vehicles of the same task, to fly and learn from besides"
     )
     background: bool = setting(
-        False, "solve beside the control thread (real time) instead of inline (lockstep)"
-    )
+        False, "answer while an update is computed, from the first one on; without it as soon as a "
+        "vehicle does not wait for it",
+    )  # fmt: skip
     vehicle_timeout: float = setting(
         0.0, "give up when no vehicle was heard for this long at the start [s]; 0.0 for never",
         low=0.0, high=1e6,
@@ -196,7 +197,7 @@ class LearnerNode(ManagedNode):
             if self._pretraining is None:
                 return self._snapshot(core)
         assert before is not None
-        return self._and_since(before) if self.settings.background else before
+        return self._and_since(before)
 
     def _and_since(self, before: Snapshot) -> Snapshot:
         """What was known before a computation, and what was observed while it ran."""
@@ -358,7 +359,12 @@ class LearnerNode(ManagedNode):
         if self._due and self.core is not None:
             self._due = False
             self._update(self.core)
-        return self._solving is not None and not self.settings.background
+        return self._solving is not None and self._waited_for
+
+    @property
+    def _waited_for(self) -> bool:
+        """Whether the vehicle stands still until an update has ended."""
+        return self._loop.waits and not self.settings.background
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Act on what was learned so far."""
@@ -385,7 +391,7 @@ class LearnerNode(ManagedNode):
         self._solving = beside(core.begin_update())
         while self._again and not finished(self._solving, MOMENT):
             runtime.check()
-        if self._again or (not self.settings.background and finished(self._solving, MOMENT)):
+        if self._again or (self._waited_for and finished(self._solving, MOMENT)):
             self._finish_solving()
 
     def _finish_solving(self) -> None:
