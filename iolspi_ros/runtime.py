@@ -79,7 +79,7 @@ class Loop:
         self._executor.spin_once(timeout_sec=timeout)
 
     def close(self) -> None:
-        """Let the nodes go; before they are destroyed."""
+        """Let the nodes go; before they are destroyed, or an event may find one gone."""
         self._executor.shutdown()
 
     def _catch_up(self) -> None:
@@ -286,11 +286,11 @@ def spin(made: Node | Nodes) -> None:
         Why a managed node cannot go on.
     """
     nodes = _nodes(made)
-    loop, pump = Loop(*nodes), None if isinstance(made, Node) else made.pump
+    pump = None if isinstance(made, Node) else made.pump
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000)  # little here makes cycles; looking for them costs the loop
-    with contextlib.suppress(ExternalShutdownException):
+    with contextlib.closing(Loop(*nodes)) as loop, contextlib.suppress(ExternalShutdownException):
         while ok():
             busy = pump is not None and pump()
             if busy:

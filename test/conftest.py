@@ -136,12 +136,20 @@ def ros(domain, monkeypatch):
     """rclpy in this process, in the domain of the nodes; no node made there outlives the test."""
     import rclpy
 
-    made, create = [], rclpy.create_node
+    from iolspi_ros import runtime
+
+    made, loops, create, begin = [], [], rclpy.create_node, runtime.Loop.__init__
     monkeypatch.setattr(
         rclpy, "create_node", lambda *a, **k: made.append(create(*a, **k)) or made[-1]
     )
+    monkeypatch.setattr(
+        runtime.Loop, "__init__", lambda loop, *a, **k: loops.append(loop) or begin(loop, *a, **k)
+    )
     rclpy.init(domain_id=domain)
     yield rclpy
+    for loop in loops:  # first: what wakes an executor must not come from a node that is gone
+        with contextlib.suppress(Exception):
+            loop.close()
     for node in made:
         with contextlib.suppress(Exception):
             node.destroy_node()

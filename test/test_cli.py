@@ -19,6 +19,7 @@ from iolspi_ros.cli import progress
 from iolspi_ros.resources import find
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 
 COMMANDS = ("bench", "demo", "fly", "learn", "record", "run")
 
@@ -279,6 +280,19 @@ def test_a_folder_that_is_called_like_the_package_is_in_nobodys_way(tmp_path):
     (tmp_path / "sim_nodes").mkdir()
     result = iolspi("record", "--out", "bag", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.slow
+def test_a_set_is_recorded_with_the_settings_of_a_file(tmp_path):
+    """The pilot's model is the vehicle's, also where that is not as by default."""
+    shipped = find("config", "slung_load_3d.yaml").read_text()
+    file, bag = tmp_path / "mine.yaml", tmp_path / "mine"
+    file.write_text(shipped.replace("vertical: false", "vertical: true"))
+    task = SlungLoad3D(vertical=True).description
+    assert task.n_actions == SlungLoad3D().description.n_actions + 2
+    made = iolspi("record", "--task", "slung_load_3d", "--config", file, "--out", bag)
+    assert made.returncode == 0, made.stderr
+    assert read_demonstration(bag, task).notes == []
 
 
 @pytest.mark.slow

@@ -306,14 +306,17 @@ def test_a_dataset_that_is_not_there_is_refused(iolspi, tmp_path, datasets, name
     assert not (tmp_path / "out").exists()
 
 
-def test_corrupted_samples_are_what_the_model_does(iolspi, tmp_path):
-    out = tmp_path / "out"
-    assert iolspi("demos", "corrupt", SET_1, "--out", out, "--share", "0.5")[0] == 0
+@pytest.mark.parametrize("g", [9.81, 5.0])
+def test_corrupted_samples_are_what_the_model_does(iolspi, tmp_path, g):
+    out, file = tmp_path / "out", tmp_path / "mine.yaml"
+    file.write_text(find("config", "pendulum.yaml").read_text().replace("g: 9.81 ", f"g: {g} "))
+    of_this = ("--share", "0.5", "--config", str(file))
+    assert iolspi("demos", "corrupt", SET_1, "--out", out, *of_this)[0] == 0
     before = bags.read_demonstration(find("demos", "pendulum", "set_1"), TASK).samples
     after = bags.read_demonstration(out, TASK).samples
     changed = [s for s in after if s.source == Source.CORRUPTED]
     assert 0.45 < len(changed) / len(after) < 0.55
-    model = Pendulum()
+    model = Pendulum(g=g)
     for sample in changed[::100]:
         t = sample.transition
         expected, reward, _ = model.step(t.state, t.action)

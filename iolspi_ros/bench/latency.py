@@ -9,6 +9,7 @@ import socket
 import struct
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -160,9 +161,8 @@ def _answer(folder: Path, url: str, samples: int) -> list[int]:
         out.publish(reply)
 
     node.create_subscription(Float64MultiArray, "reward", answer, qos.CONTROL)
-    loop = runtime.Loop(node)
     try:
-        with graph.Graph(folder) as nodes:
+        with closing(runtime.Loop(node)) as loop, graph.Graph(folder) as nodes:
             flight = {"url": url, "autostart": "activate", "real_time_factor": FACTOR,
                       "action_timeout": 0.3, "initial": "narrow"}  # fmt: skip
             nodes.start("bridge", flight)

@@ -11,7 +11,7 @@ import random
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -177,7 +177,6 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
     """Hear scores and vitals."""
     rows = wire.ScoreRows()
     node = rclpy.create_node("soak")
-    loop = runtime.Loop(node)
 
     def on_score(message: Any) -> None:
         _, step, _, _, score, *_ = rows.read(message)
@@ -197,7 +196,8 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
     node.create_subscription(Float64MultiArray, "score", on_score, qos.REPORTS)
     node.create_subscription(DiagnosticArray, "/diagnostics", on_vitals, qos.OUTGOING)
     try:
-        yield lambda: loop.once(0.2)
+        with closing(runtime.Loop(node)) as loop:
+            yield lambda: loop.once(0.2)
     finally:
         node.destroy_node()
 

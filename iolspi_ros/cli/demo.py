@@ -58,11 +58,11 @@ def demo(
     """
     from iolspi_ros import graph, resources
     from iolspi_ros.bags import BagWriter, select
+    from iolspi_ros.experiments.headless import make_vehicle
     from iolspi_ros.nodes.monitor import watching
-    from sim_nodes.tasks import make_task
 
     file = config or resources.config(task)
-    model = make_task(task, resources.parameters(file, "simulator") if file else {}, str(file))
+    model = make_vehicle(task, file)
     chosen = select(vehicle, run, topics or [])
     taught = Taught.by(task, model.description, demonstration, demos or [], chosen)
     count = episodes_to_fly(model, seconds, episodes, 1)

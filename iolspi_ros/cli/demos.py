@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import console
-from iolspi_ros.cli.selecting import RUN, TASK, TOPICS, VEHICLE
+from iolspi_ros.cli.selecting import CONFIG, RUN, TASK, TOPICS, VEHICLE
 from iolspi_ros.errors import InputError
 
 if TYPE_CHECKING:
@@ -210,16 +210,19 @@ def corrupt(
     share: Annotated[float, typer.Option(min=0.0, max=1.0, help="Of the samples.")] = 0.33,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     task: ITS_TASK = "", vehicle: VEHICLE = "", run: RUN = 0, topics: TOPICS = None,
+    config: Annotated[Optional[Path], typer.Option(help=CONFIG)] = None,
 ) -> None:  # fmt: skip
     """Give samples a random action and what the task's model does with it (T Table 1)."""
     import numpy as np
 
+    from iolspi_ros import resources
+    from iolspi_ros.experiments.headless import make_vehicle
     from iolspi_ros.experiments.samplesets import corrupted
-    from sim_nodes.tasks import task_class
     from sim_nodes.tasks.base import Stateful
 
     found = _read(bag, task, vehicle, run, topics)
-    model = task_class(task or found.task.name)()
+    name = task or found.task.name
+    model = make_vehicle(name, config or resources.config(name))
     if isinstance(model, Stateful):
         raise InputError(f"task {found.task.name} has no model; allowed: one whose step is known")
     model.description.check_same(found.task, "the model", f"bag {bag}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -74,17 +75,17 @@ def _ask(calibration: Any, topic: str, patience: float) -> None:
                 _say(calibration)
 
         node.create_subscription(Joy, topic, take, qos.CONTROL)
-        loop = runtime.Loop(node)
         _say(calibration)
-        while calibration.question:
-            runtime.check()
-            if time.monotonic() - since > patience:
-                name = node.resolve_topic_name(topic)
-                raise InputError(
-                    f"{heard} messages on {name}, and for {patience:g} s none that answers; "
-                    "allowed: a driver that repeats, such as ros2 run joy joy_node"
-                )
-            loop.once(0.1)
+        with closing(runtime.Loop(node)) as loop:
+            while calibration.question:
+                runtime.check()
+                if time.monotonic() - since > patience:
+                    name = node.resolve_topic_name(topic)
+                    raise InputError(
+                        f"{heard} messages on {name}, and for {patience:g} s none that answers; "
+                        "allowed: a driver that repeats, such as ros2 run joy joy_node"
+                    )
+                loop.once(0.1)
         node.destroy_node()
 
 

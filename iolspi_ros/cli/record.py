@@ -12,6 +12,7 @@ import typer
 from iolspi_ros import resources
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import bar, console
+from iolspi_ros.cli.selecting import CONFIG
 from iolspi_ros.errors import InputError
 
 
@@ -26,31 +27,33 @@ def record(
         typer.Option("--set", help="Mode and corruption of that shipped set instead."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the pilot and the simulator.")] = 0,
+    config: Annotated[Optional[Path], typer.Option(help=CONFIG)] = None,
 ) -> None:
     """Let the scripted pilot fly one episode from each start on a ROS 2 graph, and record it."""
     from iolspi_ros import bags, graph
+    from iolspi_ros.experiments.headless import make_vehicle
     from iolspi_ros.experiments.samplesets import mode_and_corruption
     from iolspi_ros.nodes.monitor import watching
-    from sim_nodes.tasks import task_class
     from sim_nodes.tasks.base import n_starts
 
-    vehicle = task_class(task)()
+    file = config or resources.config(task)
+    vehicle = make_vehicle(task, file)
     if demonstration is not None:
         mode, corruption = mode_and_corruption(demonstration)
     if out.exists():
         raise InputError(f"--out {out} exists already; allowed: a folder that is not there yet")
-    config = resources.config(task)
     graph.isolate()
     work = _beside(out)
     bag = work / out.name
     wanted = {
         "seed": seed, "source": "scripted", "mode": mode, "corruption": corruption,
         "record": str(bag), "episodes": n_starts(vehicle), "model": task,
+        "model_file": str(file.resolve()) if file else "",
     }  # fmt: skip
     try:
         with watching(vehicle.description) as monitor, graph.Graph(work) as nodes:
-            nodes.start("simulator", {"task": task, "seed": seed, "order": "sweep"}, config)
-            nodes.start("demonstrator", wanted, config)
+            nodes.start("simulator", {"task": task, "seed": seed, "order": "sweep"}, file)
+            nodes.start("demonstrator", wanted, file)
             _wait(nodes, monitor, vehicle, bag)
         bags.compact(bag)
     finally:

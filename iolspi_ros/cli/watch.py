@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import Annotated, Optional
 
 import typer
@@ -59,7 +59,7 @@ def watch(
             hands = TerminalStick(node, board, keys)
             stack.callback(hands.close)
             also, wait = hands.look, STICK_PERIOD
-        loop = runtime.Loop(node)
+        loop = stack.enter_context(closing(runtime.Loop(node)))
         end = time.monotonic() + (float("inf") if seconds is None else seconds)
 
         def every(period: float, show: Callable[[], None]) -> None:

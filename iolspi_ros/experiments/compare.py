@@ -15,12 +15,12 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import deep
 from iolspi_ros.experiments.cells import Cell
 from iolspi_ros.experiments.evaluate import has_reference
+from iolspi_ros.experiments.headless import make_vehicle
 from iolspi_ros.experiments.interventions import ALONE
 from iolspi_ros.experiments.life import LOOKS, Life, Yardstick, best, learn
 from iolspi_ros.experiments.samplesets import NOTHING, bag
 from iolspi_ros.methods.traits import TRAITS
 from iolspi_ros.settings import from_mapping
-from sim_nodes.tasks import make_task
 from sim_nodes.world import WorldSettings
 
 SHOWN = "set 5"
@@ -88,7 +88,7 @@ def plan(
     """
     file = resources.config(task)
     simulated = resources.parameters(file, "simulator") if file else {}
-    model: Any = make_task(task, simulated, str(file))
+    model = make_vehicle(task, file)
     if not hasattr(model, "__dataclass_fields__"):
         raise InputError(
             f"task is {task!r}; allowed for a comparison: a task whose class is a dataclass of "

@@ -58,8 +58,18 @@ def make_world(task: str, file: Path | None, seed: int) -> World:
     """The world alone, as `prepare` makes it."""
     simulated = resources.parameters(file, "simulator") if file else {}
     noise = from_mapping(WorldSettings, simulated, str(file))
-    vehicle = make_task(task, simulated, str(file))
-    return worlds.make_world(vehicle, noise, np.random.default_rng([seed, 0]))
+    return worlds.make_world(make_vehicle(task, file), noise, np.random.default_rng([seed, 0]))
+
+
+def make_vehicle(task: str, file: Path | None) -> Any:
+    """A task as a parameter file describes the simulator's.
+
+    Raises
+    ------
+    InputError
+        When there is no such task, or the file holds what is not allowed.
+    """
+    return make_task(task, resources.parameters(file, "simulator") if file else {}, str(file))
 
 
 def make_learner(

@@ -17,7 +17,7 @@ from iolspi_ros.nodes.vehicle_watch import VehicleWatch
 from iolspi_ros.pairing import Pairer
 from iolspi_ros.seen import Seen
 from iolspi_ros.task import TaskDescription
-from iolspi_ros.vitals import Pulse
+from iolspi_ros.vitals import SILENCE, Pulse
 
 RESTARTED = 20
 """Observations in a row, all older than the newest, after which they are another run's."""
@@ -256,6 +256,19 @@ class ControlLoop:
     def seen(self) -> Observation | None:
         """The newest observation that came while it was running."""
         return self._seen
+
+    def condition(self) -> tuple[dict[str, object], str]:
+        """How it goes, by name, and what is wrong with it; empty for nothing."""
+        pulse, period = self.pulse, self.task.sampling_time
+        values: dict[str, object] = {
+            "messages ignored": self.invalid,
+            "observations per second": f"{pulse.rate():.1f}",
+            "in real time they would be": f"{1.0 / period:.1f}",
+            "steps lost": pulse.lost,
+            "seconds since the last observation": f"{pulse.silence:.1f}",
+        }
+        silent = self.running and pulse.silence > max(SILENCE, 5 * period)
+        return values, f"the vehicle has been silent for {pulse.silence:.0f} s" if silent else ""
 
     def memory(self) -> LoopMemory:
         """Where it is, for a checkpoint."""

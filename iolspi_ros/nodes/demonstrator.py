@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import __version__, bags, parameters, qos, runtime, wire
+from iolspi_ros import __version__, bags, parameters, qos, resources, runtime, wire
 from iolspi_ros.core.samples import Sample
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
@@ -29,7 +29,7 @@ from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
 from iolspi_ros.vitals import Report, Vitals
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
-from sim_nodes.tasks import task_class
+from sim_nodes.tasks import make_task
 
 PILOTS = {
     "scripted": "the scripted pilot of iolspi_ros; no person flew this",
@@ -47,6 +47,9 @@ class DemonstratorSettings(Settings):
     )
     model: str = setting(
         "", "scripted: the registered task, or module:Class, whose pilot flies; else the vehicle's"
+    )
+    model_file: str = setting(
+        "", "scripted: parameter file whose simulator has the settings that the pilot's model gets"
     )
     record: str = setting("", "bag to record to; empty for none")
 
@@ -169,7 +172,9 @@ class Demonstrator(ManagedNode):
 
     def _scripted(self, task: TaskDescription) -> ScriptedPilot:
         """The scripted pilot."""
-        vehicle = task_class(self.settings.model or task.name)()
+        name, file = self.settings.model or task.name, self.settings.model_file
+        values = resources.parameters(Path(file).expanduser(), "simulator") if file else {}
+        vehicle: Any = make_task(name, values, file)
         vehicle.description.check_same(task, "the model that the pilot knows", "the vehicle")
         rng = np.random.default_rng([self._teleop_settings.seed, 2])
         return ScriptedPilot(vehicle, self._pilot, rng)

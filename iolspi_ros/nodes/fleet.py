@@ -62,6 +62,11 @@ class Fleet(ControlLoop):
         for other in self._others.values():
             other.go_on()
 
+    def condition(self) -> tuple[dict[str, object], str]:
+        """How it goes, with what each of the others brought."""
+        values, worry = super().condition()
+        return values | {f"samples of {name}": n for name, n in self.counts.items()}, worry
+
     def close(self) -> None:
         """Stop listening and publishing."""
         super().close()

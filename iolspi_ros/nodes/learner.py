@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,13 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import parameters, qos, runtime
-from iolspi_ros.beside import beside, finished
 from iolspi_ros.core import checkpoint
 from iolspi_ros.core.keeper import Snapshot
 from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_class
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
 from iolspi_ros.managed import ManagedNode
+from iolspi_ros.nodes.computing import Computing
 from iolspi_ros.nodes.demonstrations import Demonstrations
 from iolspi_ros.nodes.fleet import Fleet
 from iolspi_ros.nodes.help import Help
@@ -34,7 +33,7 @@ from iolspi_ros.process import say
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener
-from iolspi_ros.vitals import SILENCE, Report, Vitals
+from iolspi_ros.vitals import Report, Vitals
 
 
 @dataclass(frozen=True)
@@ -103,11 +102,7 @@ class LearnerNode(ManagedNode):
         self._conflict = ""  # why nothing is learned any more
         self.vehicle: Vehicle | None = None
         """The vehicle, when it is in this process and to be saved, too."""
-        self._pretraining: Future[Update] | None = None
-        self._solving: Future[Any] | None = None
-        self._before: Snapshot | None = None  # what was known before that computation
-        self._since: list[Transition] = []  # what was observed since
-        self._cut = self._closing = False  # whether pretraining was told to stop; whether we end
+        self._closing = False
         self._ready = False  # to act, as soon as it is active
         self._while_flying = 0  # samples
         self._due = False  # an update, since before a resume
@@ -164,13 +159,15 @@ class LearnerNode(ManagedNode):
             self._help.close()
             for subscription in self._subscriptions_of_demonstrations:
                 self.destroy_subscription(subscription)
+            self._computing.stop()
         self.core, self._ready, self._conflict = None, False, ""
-        self._pretraining = self._solving = self._before = None
 
     def close(self) -> None:
         """Save: what is being computed is waited for a moment, and otherwise left out."""
         if not self._closing:
             self._closing = True
+            if self.core is not None:
+                self._computing.stop()
             self._finish()
 
     def _finish(self) -> None:
@@ -189,25 +186,21 @@ class LearnerNode(ManagedNode):
 
     def _last_words(self, core: Learner) -> Snapshot:
         """What to save at the end; never what was half done."""
-        before = self._before
-        if finished(self._pretraining, PATIENCE) and finished(self._solving, PATIENCE):
-            if self._pretraining is not None and not self._cut:
-                self._finish_pretraining(self._pretraining)
-            self._finish_solving()
-            if self._pretraining is None:
-                return self._snapshot(core)
-        assert before is not None
-        return self._and_since(before)
+        if not self._computing.over(PATIENCE) or self._computing.cut:
+            return self._before_and_since()
+        self._take_computed()
+        return self._snapshot(core)
 
-    def _and_since(self, before: Snapshot) -> Snapshot:
+    def _before_and_since(self) -> Snapshot:
         """What was known before a computation, and what was observed while it ran."""
-        content = before()
-        if not self._since:
+        before, since = self._computing.before, self._computing.since
+        assert before is not None
+        if not since:
             return before
         settings = parameters.read(self, self._class.Settings)
         core = self._class(self._loop.task, settings, np.random.default_rng())
-        checkpoint.restore(content, core, self.settings.learner, "this learner")
-        for transition in self._since:
+        checkpoint.restore(before(), core, self.settings.learner, "this learner")
+        for transition in since:
             core.observe(transition)
         flight = self._flight(due=True)
         return checkpoint.snapshot(core, self.settings.learner, self._saving.run, flight=flight)
@@ -244,6 +237,7 @@ class LearnerNode(ManagedNode):
         settings = parameters.read(self, self._class.Settings)
         core = self._class(task, settings, np.random.default_rng([s.seed, 1]))
         found = self._saving.look_for() if self._saving.settings.resume else None
+        self._computing = Computing(core)
         self._demonstrations = Demonstrations(task)
         self._loop = Fleet(
             self, task, self, s.vehicle_timeout, local=self._local, others=s.other_vehicles
@@ -330,8 +324,10 @@ class LearnerNode(ManagedNode):
             self._loop.stop()
 
     def _act_if_ready(self) -> None:
-        if self.active and self._ready and not self._conflict and self._pretraining is None:
-            if self.core is not None and not (self.core.step or self.core.n_samples):
+        if self.core is None or self._computing.pretraining:
+            return
+        if self.active and self._ready and not self._conflict:
+            if not (self.core.step or self.core.n_samples):
                 self._saving.begin_journal()
             self._loop.start()
             self.get_logger().info(f"acting on {self.resolve_topic_name('action')}")
@@ -348,8 +344,8 @@ class LearnerNode(ManagedNode):
         if not self.learning:
             return
         due = self.core.observe(transition)
-        if self._solving is not None:
-            self._since.append(transition)
+        if self._computing.updating:
+            self._computing.since.append(transition)
         elif due:
             self._update(self.core)
 
@@ -359,7 +355,7 @@ class LearnerNode(ManagedNode):
         if self._due and self.core is not None:
             self._due = False
             self._update(self.core)
-        return self._solving is not None and self._waited_for
+        return self.core is not None and self._computing.updating and self._waited_for
 
     @property
     def _waited_for(self) -> bool:
@@ -369,8 +365,8 @@ class LearnerNode(ManagedNode):
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Act on what was learned so far."""
         assert self.core is not None
-        if self._solving is not None and self._solving.done():
-            self._finish_solving()
+        if self._computing.updating and self._computing.over():
+            self._take_computed()
         return self.core.act(observation.state, explore=self.learning)
 
     def answered(self, observation: Observation, source: Source, answer: Any) -> None:
@@ -380,31 +376,30 @@ class LearnerNode(ManagedNode):
         if self._again:
             return
         self._help.answered(observation, source)
-        if self._solving is None and self._saving.due():
+        if not self._computing.updating and self._saving.due():
             self._saving.offer(self._snapshot(self.core), self._mark())
 
     def _update(self, core: Learner) -> None:
         """Compute beside this thread, and wait for a moment when the vehicle waits, too."""
-        if self._solving is not None:
+        if self._computing.updating:
             return
-        self._before, self._since = self._snapshot(core, due=True), []
-        self._solving = beside(core.begin_update())
-        while self._again and not finished(self._solving, MOMENT):
+        self._computing.update(self._snapshot(core, due=True))
+        while self._again and not self._computing.over(MOMENT):
             runtime.check()
-        if self._again or (self._waited_for and finished(self._solving, MOMENT)):
-            self._finish_solving()
+        if self._again or (self._waited_for and self._computing.over(MOMENT)):
+            self._take_computed()
 
-    def _finish_solving(self) -> None:
-        """Take what was computed."""
-        if self._solving is None:
-            return
-        assert self.core is not None
-        solving, self._solving, self._before = self._solving, None, None
-        try:
-            self._publish_update(self.core.finish_update(solving.result()))
-        except Exception as error:  # of whatever learner, for whatever numbers
-            self.get_logger().error(f"update failed, the policy before it stays: {error!r}")
-        self._saving.updated()
+    def _take_computed(self) -> None:
+        """Take what was computed, if anything was."""
+        computing = self._computing
+        if computing.pretraining:
+            self._take_pretrained()
+        elif computing.updating:
+            try:
+                self._publish_update(computing.take())
+            except Exception as error:  # of whatever learner, for whatever numbers
+                self.get_logger().error(f"update failed, the policy before it stays: {error!r}")
+            self._saving.updated()
 
     def _publish_update(self, update: Update) -> None:
         self._reports.update(update)
@@ -434,15 +429,15 @@ class LearnerNode(ManagedNode):
         """What no message brings about: the end of a demonstration and of learning from it."""
         if self.core is None:
             return
-        if self._solving is not None and self._solving.done():
-            self._finish_solving()
-            self._loop.go_on()
-        if self._pretraining is not None:
-            if self._pretraining.done():
-                self._finish_pretraining(self._pretraining)
+        computing = self._computing
+        if (computing.updating or computing.pretraining) and computing.over():
+            updated = computing.updating
+            self._take_computed()
+            if updated:
+                self._loop.go_on()
         elif (
-            self.active and not self._conflict and not self._loop.running
-            and self._demonstrations.complete()
+            self.active and not self._conflict and not self._loop.running and not computing.updating
+            and not computing.pretraining and self._demonstrations.complete()
         ):  # fmt: skip
             self._start_pretraining(self.core)
 
@@ -460,20 +455,13 @@ class LearnerNode(ManagedNode):
             return text
         self._loop.stop()
         self.get_logger().info(f"learning offline from {text}")
-        self._before, self._since = self._snapshot(core), []
-
-        def proceed(share: float) -> bool:
-            self._cut = self._closing or core is not self.core
-            return not self._cut
-
-        self._pretraining = beside(lambda: core.pretrain(transitions, proceed))
+        self._computing.pretrain(self._snapshot(core), transitions)
         return text
 
-    def _finish_pretraining(self, pretraining: Future[Update]) -> None:
-        self._pretraining = self._before = None
+    def _take_pretrained(self) -> None:
         self._demonstrations.forget_end()
         try:
-            result = pretraining.result()
+            result = self._computing.take()
         except Exception as error:  # of whatever learner, for whatever numbers
             text = str(error) if isinstance(error, InputError) else repr(error)
             self.get_logger().error(f"{text}; waiting for another demonstration")
@@ -499,7 +487,7 @@ class LearnerNode(ManagedNode):
     def _on_learn_offline(self, _: Any, response: Any) -> Any:
         try:
             response.message = self._start_pretraining(self._idle_core())
-            response.success = self._pretraining is not None
+            response.success = self._computing.pretraining
         except InputError as error:
             response.success, response.message = False, str(error)
         return response
@@ -533,11 +521,11 @@ class LearnerNode(ManagedNode):
         """The learner, while no other thread is at work on it."""
         if self.core is None:
             raise InputError(f"no vehicle was heard yet on {self.resolve_topic_name('task')}")
-        if self._pretraining is not None:
+        if self._computing.pretraining:
             raise InputError("it is learning from demonstrations; allowed: when that has ended")
-        if not finished(self._solving, MOMENT):
+        if not self._computing.over(MOMENT):
             raise InputError("an update is being computed; allowed: when that has ended")
-        self._finish_solving()
+        self._take_computed()
         return self.core
 
     def _save(self, core: Learner) -> str:
@@ -552,7 +540,7 @@ class LearnerNode(ManagedNode):
     def _phase(self) -> str:
         if self.core is None:
             return "waiting for a vehicle"
-        if self._pretraining is not None:
+        if self._computing.pretraining:
             return "learning offline"
         if not self._loop.running:
             return "inactive" if self._ready or not self.active else "waiting for a demonstration"
@@ -562,24 +550,18 @@ class LearnerNode(ManagedNode):
         report = Report(self._phase())
         report.values["learner"] = self.settings.learner
         if self.core is not None:
-            loop = self._loop
             report.values |= {
                 "task": self.core.task.name,
                 "demonstrated samples": len(self._demonstrations),
                 "samples that came while flying": self._while_flying,
-                "messages ignored": loop.invalid,
-                **{f"samples of {name}": count for name, count in loop.counts.items()},
-                "observations per second": f"{loop.pulse.rate():.1f}",
-                "in real time they would be": f"{1.0 / self.core.task.sampling_time:.1f}",
-                "steps lost": loop.pulse.lost,
-                "seconds since the last observation": f"{loop.pulse.silence:.1f}",
             }
+            condition, worry = self._loop.condition()
+            report.values |= condition
+            report.worry(worry)
             condition, worry = self._reports.condition()
             report.values |= condition
             report.worry(worry)
             report.worry(self._help.reason)
-            if loop.running and loop.pulse.silence > max(SILENCE, 5 * self.core.task.sampling_time):
-                report.worry(f"the vehicle has been silent for {loop.pulse.silence:.0f} s")
             if self._while_flying:
                 report.worry(
                     f"{self._while_flying} samples came while flying; they are learned from with "

@@ -284,6 +284,10 @@ class Monitor(Node):
         weights, number = wire.read_weights(message)
         self._weights[number] = weights
 
+    def close(self) -> None:
+        """Hear nothing more; before it is destroyed."""
+        self._loop.close()
+
     @property
     def updates(self) -> int:
         """How many updates were reported, offline LSPI among them."""
@@ -301,5 +305,6 @@ def watching(task: TaskDescription, bag: BagWriter | None = None) -> Iterator[Mo
         yield monitor
     finally:
         signal.signal(signal.SIGINT, before)
+        monitor.close()
         monitor.destroy_node()
         rclpy.try_shutdown()
