@@ -1,6 +1,7 @@
 """A learner that asks for help where it is unsure; the vehicle goes on."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, wire
-from iolspi_ros.core.learner import Source
-from iolspi_ros.nodes.unsure import HelpSettings, Unsure
+from iolspi_ros.core import checkpoint
+from iolspi_ros.core.learner import Source, learner_class
+from iolspi_ros.nodes.unsure import HelpSettings, Unsure, Visits
 from iolspi_ros.task import Action, TaskDescription, Variable
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.terminal import line_of
@@ -54,6 +56,33 @@ def test_it_asks_where_its_shield_steps_in_often():
     assert "vetoed 40%" in unsure.reason
     feed(unsure, HERE, 100)
     assert not unsure.asks
+
+
+def test_where_it_has_been_outlives_a_restart(tmp_path):
+    """Through a checkpoint on disk; from then on it asks as one that was never stopped."""
+    rng = np.random.default_rng(0)
+    walk = np.cumsum(rng.normal(0.0, (0.3, 1.0), (400, 2)), axis=0)
+    one, other = Unsure(TASK, ASKING), Unsure(TASK, ASKING)
+    for state in walk:
+        one.take(state, Source.EXPLOIT)
+    learner = learner_class("iolspi")
+    core = learner(TASK, learner.Settings(), rng)
+    path = tmp_path / "c.npz"
+    checkpoint.write(path, checkpoint.snapshot(core, "iolspi", help=one.memory())())
+    other.recall(checkpoint.part(checkpoint.read(path), "help", Visits, "here"))
+    shares = set()
+    for n, state in enumerate(walk[::-1] + rng.normal(0.0, 0.5, walk.shape)):
+        for unsure in (one, other):
+            unsure.take(state, Source.EXPLOIT)
+        if n > 100:  # the last half second is looked at anew
+            assert other.unsure == one.unsure
+            shares.add(one.unsure)
+    assert len(shares) > 3
+    both = asdict(one.memory()).values(), asdict(other.memory()).values()
+    for mine, its in zip(*both, strict=True):
+        np.testing.assert_array_equal(mine, its)
+    other.recall(Visits(np.zeros((3, 5), int), np.ones(3, int), np.zeros(5, int)))
+    assert other.memory().boxes.shape == one.memory().boxes.shape
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=2, max_size=2))

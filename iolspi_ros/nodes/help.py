@@ -8,7 +8,7 @@ from iolspi_ros import qos, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transitions
 from iolspi_ros.managed import ManagedNode
-from iolspi_ros.nodes.unsure import HelpSettings, Unsure
+from iolspi_ros.nodes.unsure import HelpSettings, Unsure, Visits
 from iolspi_ros.task import TaskDescription
 
 
@@ -21,12 +21,17 @@ class Help:
     task : TaskDescription
     settings : HelpSettings
         Nothing is counted or published unless they say so.
+
+    Attributes
+    ----------
+    silent : bool
+        Count, and say nothing.
     """
 
     def __init__(self, node: ManagedNode, task: TaskDescription, settings: HelpSettings) -> None:
         self._node, self._rows = node, wire.Rows("help", wire.HELP)
         self._unsure = Unsure(task, settings) if settings.ask_for_help else None
-        self._out = None
+        self._out, self.silent = None, False
         if self._unsure is not None:
             self._out = node.create_publisher(Float64MultiArray, "help", qos.LATCHED)
 
@@ -35,6 +40,15 @@ class Help:
         if self._unsure is not None:
             self._unsure.known(demonstrations.state)
 
+    def memory(self) -> Visits | None:
+        """Where the learner has been, for a checkpoint; None when nothing is counted."""
+        return None if self._unsure is None else self._unsure.memory()
+
+    def recall(self, visits: Visits | None) -> None:
+        """Go on from what `memory` gave."""
+        if self._unsure is not None and visits is not None:
+            self._unsure.recall(visits)
+
     def answered(self, observation: Observation, source: Source) -> None:
         """Take a state, and who chose the action there."""
         unsure = self._unsure
@@ -42,7 +56,7 @@ class Help:
             return
         before = unsure.asks
         unsure.take(observation.state, source)
-        if unsure.asks == before and not observation.last:
+        if self.silent or (unsure.asks == before and not observation.last):
             return
         stamp = wire.split(observation.stamp)
         self._out.publish(self._rows.message(

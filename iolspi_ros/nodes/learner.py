@@ -27,7 +27,7 @@ from iolspi_ros.nodes.help import Help
 from iolspi_ros.nodes.journal import Mark
 from iolspi_ros.nodes.reports import Reports
 from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
-from iolspi_ros.nodes.unsure import HelpSettings
+from iolspi_ros.nodes.unsure import HelpSettings, Visits
 from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
 from iolspi_ros.process import say
 from iolspi_ros.settings import Settings, setting
@@ -210,7 +210,7 @@ class LearnerNode(ManagedNode):
         vehicle = self.vehicle.memory() if self.vehicle is not None else None
         return checkpoint.snapshot(
             core, self.settings.learner, self._saving.run, flight=self._flight(due=due),
-            vehicle=vehicle,
+            vehicle=vehicle, help=self._help.memory(),
         )  # fmt: skip
 
     def _flight(self, *, due: bool) -> Flight:
@@ -275,6 +275,7 @@ class LearnerNode(ManagedNode):
         checkpoint.restore(content, core, self.settings.learner, where)
         flight = checkpoint.part(content, "flight", Flight, where)
         self._ready = flight.ready if flight is not None else core.n_samples > 0
+        self._help.recall(checkpoint.part(content, "help", Visits, where))
         if flight is not None:
             self._loop.recall(flight.loop)
             self._reports.recall(flight.sums)
@@ -301,14 +302,14 @@ class LearnerNode(ManagedNode):
         if not self._saving.settings.resume:
             return False
         since = self._saving.observed_since(self._mark(), core.task.n_dims, fresh=fresh)
-        self._again = self._reports.silent = True
+        self._again = self._reports.silent = self._help.silent = True
         try:
             for observation in since:
                 runtime.check()
                 self._loop.answer_again(observation)
         except KeyboardInterrupt:
             return False  # and `_again` stays: what is known now is on disk, and more
-        self._again = self._reports.silent = False
+        self._again = self._reports.silent = self._help.silent = False
         if since:
             self.get_logger().info(
                 f"learned anew from {len(since)} observations noted since; now at step {core.step}"
@@ -373,9 +374,9 @@ class LearnerNode(ManagedNode):
         """Count the reward, and whether the answer explored; save now and then."""
         assert self.core is not None
         self._reports.answered(observation, source)
+        self._help.answered(observation, source)
         if self._again:
             return
-        self._help.answered(observation, source)
         if not self._computing.updating and self._saving.due():
             self._saving.offer(self._snapshot(self.core), self._mark())
 

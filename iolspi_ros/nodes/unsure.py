@@ -37,6 +37,23 @@ class HelpSettings(Settings):
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Visits:
+    """Where a learner has been, for a checkpoint.
+
+    Attributes
+    ----------
+    boxes : ndarray of int, shape (n, n_dims)
+    counts : ndarray of int, shape (n,)
+    at : ndarray of int, shape (n_dims,) or (0,)
+        The box under way.
+    """
+
+    boxes: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    at: NDArray[np.int64]
+
+
 class Unsure:
     """Counts visits and vetoes; asks, and goes on asking until it is half as bad.
 
@@ -54,6 +71,7 @@ class Unsure:
         self.settings = settings
         self._low, self._high = np.array(task.low), np.array(task.high)
         self._limited = np.isfinite(self._high - self._low)
+        self._n_dims = task.n_dims
         self._each = max(3, round(BOXES ** (1.0 / task.n_dims)))
         self._visits: Counter[bytes] = Counter()
         self._at, self._new = b"", False  # the box under way, and whether it is hardly known
@@ -68,6 +86,20 @@ class Unsure:
                 self._limited, (state - self._low) / (self._high - self._low), np.arcsinh(state)
             )
             return np.floor(share * self._each).astype(np.int64).tobytes()
+
+    def memory(self) -> Visits:
+        """Where it has been."""
+        boxes = np.frombuffer(b"".join(self._visits), np.int64).reshape(-1, self._n_dims)
+        counts = np.fromiter(self._visits.values(), np.int64, len(self._visits))
+        return Visits(boxes.copy(), counts, np.frombuffer(self._at, np.int64).copy())
+
+    def recall(self, visits: Visits) -> None:
+        """Go on from what `memory` gave; what is of another task counts for nothing."""
+        if visits.boxes.ndim != 2 or visits.boxes.shape[1] != self._n_dims:
+            return
+        boxes = (np.ascontiguousarray(box).tobytes() for box in visits.boxes)
+        self._visits = Counter(dict(zip(boxes, visits.counts.tolist(), strict=False)))
+        self._at = visits.at.tobytes()
 
     def known(self, states: Iterable[NDArray[np.float64]]) -> None:
         """Take states that were demonstrated as visited."""
