@@ -1,7 +1,7 @@
 PYTEST = .venv/bin/python -m pytest -rs -n auto --maxprocesses 8 --dist worksteal
 PROPERTIES = $(shell grep -l '^from hypothesis import' test/test_*.py)
 
-.PHONY: test-browser demo cockpit test test-all properties mutants bench clean
+.PHONY: demo cockpit test test-all test-browser properties mutants bench clean
 
 demo: ## learn to swing up a pendulum, on a real ROS 2 graph
 	@scripts/venv.sh run
@@ -22,9 +22,9 @@ test-all: ## the slow tests
 	@scripts/venv.sh test
 	$(PYTEST) -m 'slow and not browser' --timeout 900
 
-test-browser: ## the cockpit's page in Debian's Chromium, on a machine that does nothing else
+test-browser: ## the cockpit's page in Debian's Chromium
 	@scripts/venv.sh test
-	.venv/bin/python -m pytest -m browser --timeout 900
+	.venv/bin/python -m pytest -rs --durations 0 --durations-min 1 -m browser --timeout 900
 
 properties: ## many more examples of each property
 	@scripts/venv.sh test

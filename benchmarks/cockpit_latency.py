@@ -14,6 +14,8 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,28 @@ NOTE = """
 def main() -> None:
     """Measure, and print a table."""
     presses = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    with held_in_a_page() as (page, heard, until):
+        found = [measured(page, heard, until, n) for n in range(presses)]
+        updates = page.part("update")["number"]
+    table("key to joy", [joy for joy, _ in found])
+    table("key to action", [action for _, action in found])
+    print(f"{presses} presses beside a learner with {updates:.0f} updates; load {os.getloadavg()}")
+
+
+@contextmanager
+def held_in_a_page() -> Iterator[tuple[Browser, dict, Callable[..., None]]]:
+    """A graph in real time, whose pendulum a page has taken over.
+
+    Yields
+    ------
+    page : Browser
+        It holds space.
+    heard : dict
+        When the newest `joy` and human `action` that differed from the one before came, and what
+        it was.
+    until : callable
+        Listens until something holds.
+    """
     prepare()
     graph.isolate()
     import rclpy
@@ -63,9 +87,9 @@ def main() -> None:
     node.create_subscription(Float64MultiArray, "action", on_action, qos.CONTROL)
     node.create_subscription(Joy, "joy", on_joy, qos.CONTROL)
 
-    def until(ready: object, seconds: float = 60.0) -> None:
+    def until(ready: Callable[[], bool], seconds: float = 60.0) -> None:
         end = time.monotonic() + seconds
-        while not ready():  # type: ignore[operator]
+        while not ready():
             if time.monotonic() > end:
                 raise SystemExit("what was waited for did not happen")
             rclpy.spin_once(node, timeout_sec=0.02)
@@ -87,27 +111,25 @@ def main() -> None:
             page.run(NOTE)
             page.press(" ")
             until(lambda: heard["action"][0] > 0)
-            found = [measured(page, heard, until, n) for n in range(presses)]
-            updates = page.part("update")["number"]
+            yield page, heard, until
             page.lift(" ")
         finally:
             page.close()
-    table("key to joy", [joy for joy, _ in found])
-    table("key to action", [action for _, action in found])
-    print(f"{presses} presses beside a learner with {updates:.0f} updates; load {os.getloadavg()}")
     node.destroy_node()
     rclpy.try_shutdown()
 
 
-def measured(page: Browser, heard: dict, until: object, number: int) -> tuple[float, float]:
+def measured(
+    page: Browser, heard: dict, until: Callable[..., None], number: int
+) -> tuple[float, float]:
     """Press left or right, wait for its action, and let go; times in ms."""
     key, axis, action = (("ArrowLeft", 1.0, 0), ("ArrowRight", -1.0, 2))[number % 2]
     page.press(key)
-    until(lambda: heard["action"][1] == action and heard["joy"][1] == axis)  # type: ignore[operator]
+    until(lambda: heard["action"][1] == action and heard["joy"][1] == axis)
     begin = page.run("return window.pressed") / 1000
     joy, taken = heard["joy"][0], heard["action"][0]
     page.lift(key)
-    until(lambda: heard["action"][1] == 1)  # type: ignore[operator]
+    until(lambda: heard["action"][1] == 1)
     return 1000 * (joy - begin), 1000 * (taken - begin)
 
 

@@ -3,20 +3,19 @@
 import json
 import shutil
 import tempfile
-from pathlib import Path
 
+import psutil
 import pytest
 
-CHROMIUM, DRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+LACKING = "" if CHROMIUM and DRIVER else "no Chromium: apt-get install chromium chromium-driver"
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-dev-shm-usage",  # a container's is small, and ROS 2 wants it
 )  # fmt: skip
 KEYS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, " ": 32}
-needs_chromium = pytest.mark.skipif(
-    not (Path(CHROMIUM).exists() and Path(DRIVER).exists()),
-    reason="no Chromium: apt-get install chromium chromium-driver",
-)
+needs_chromium = pytest.mark.skipif(bool(LACKING), reason=LACKING)
 
 
 class Browser:
@@ -76,6 +75,28 @@ class Browser:
 
     def lift(self, key):
         self._key("keyUp", key)
+
+    def set(self, slider, value):
+        """Move a slider."""
+        self.run(f"""
+            const slider = document.getElementById({slider!r});
+            slider.value = {value};
+            slider.dispatchEvent(new Event("change"));
+        """)
+
+    def stop(self):
+        """Let nothing of it run, as in a machine that is suspended."""
+        for process in self._processes():
+            process.suspend()
+
+    def go_on(self):
+        """After `stop`."""
+        for process in self._processes():
+            process.resume()
+
+    def _processes(self):
+        """Of the browser; its driver goes on."""
+        return psutil.Process(self.driver.service.process.pid).children(recursive=True)
 
     def complaints(self):
         """What the page said to its console as an error."""

@@ -11,6 +11,7 @@ import tempfile
 import time
 
 import pytest
+from chromium import LACKING
 from hypothesis import HealthCheck, settings
 
 from iolspi_ros.graph import own_domain
@@ -51,6 +52,11 @@ def as_it_was():
     os.environ.update(environment)
     for number, handler in zip(ENDS, handlers, strict=True):
         signal.signal(number, handler)
+
+
+def pytest_terminal_summary(terminalreporter):
+    if LACKING:
+        terminalreporter.write_line(f"The cockpit's page was not tested in a browser: {LACKING}")
 
 
 def pytest_unconfigure():

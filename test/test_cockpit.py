@@ -15,7 +15,7 @@ from iolspi_ros.errors import InputError
 from msg_bridge.cockpit import settings, words
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.episodes import Episodes, Score
-from msg_bridge.cockpit.guard import Guard
+from msg_bridge.cockpit.guard import MINUTE, MOST_PAGES, Guard
 from msg_bridge.cockpit.policy import POINTS, policy_map
 from msg_bridge.cockpit.session import FLOOD, Session
 from msg_bridge.cockpit.settings import CockpitSettings, token_for
@@ -252,6 +252,36 @@ def test_a_browser_that_goes_lets_go_and_nonsense_is_counted(session):
     assert session.condition()["browsers"] == 0
 
 
+def test_a_browser_that_takes_nothing_is_gone(session, monkeypatch):
+    """As in a machine that is suspended: its connection is open for as long as nobody ends it."""
+    monkeypatch.setattr("msg_bridge.cockpit.session.STALLED", 0.01)
+    session.hear(1, words.Ask())
+    session.hear(1, words.Move(LEFT))
+
+    class Suspended(Socket):
+        async def receive_text(self):
+            await asyncio.sleep(60.0)
+
+        async def send_text(self, text):
+            await asyncio.sleep(60.0 if self.sent else 0.0)
+            self.sent.append(text)
+
+    asyncio.run(asyncio.wait_for(session.serve(Suspended([])), 10.0))
+    assert session.condition()["browsers"] == 0
+    assert session.stick.holder is None
+    assert session.node.done == [LEFT, REST]
+
+
+def test_what_nobody_expects_is_not_kept_quiet(session):
+    class Broken(Socket):
+        async def receive_text(self):
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(session.serve(Broken([])))
+    assert session.condition()["browsers"] == 0
+
+
 def test_a_flood_is_dropped_and_shut_out(session):
     move = '{{"say": "move", "axes": [{}, 0], "buttons": [0, 0, 0]}}'
     flood = [move.format((-1) ** n) for n in range(2 * FLOOD)]
@@ -278,14 +308,14 @@ def test_a_browser_is_sent_only_what_is_new_and_the_newest_of_it():
     assert [json.loads(part)["is"] for part in board.since(version)[1]] == [3]
 
 
-def ask(guard, headers=(), query=b"", kind="http"):
+def ask(guard, headers=(), query=b"", kind="http", path="/"):
     """Status of an answer, or 200 when the request came through."""
     sent = []
 
     async def send(message):
         sent.append(message)
 
-    scope = {"type": kind, "headers": list(headers), "query_string": query}
+    scope = {"type": kind, "headers": list(headers), "query_string": query, "path": path}
     asyncio.run(guard(scope, None, send))
     first = sent[0]
     return first.get("status", first.get("code")), dict(first.get("headers", []))
@@ -323,6 +353,26 @@ def test_the_cookie_is_for_this_page_alone():
     )
     assert b"HttpOnly" in headers[b"set-cookie"]
     assert b"SameSite=Strict" in headers[b"set-cookie"]
+
+
+def test_pages_without_end_are_refused_and_files_are_not():
+    clock = Clock()
+    guard = Guard(inside, "", "127.0.0.1", clock)
+
+    def load(path):
+        return ask(guard, (HERE,), path=path)[0]
+
+    for n in range(MOST_PAGES):
+        assert load("/" if n % 2 else f"/{n}") == 200
+        clock.now += 0.1
+    assert load("/") == load("/nobody") == 503
+    assert load("/cockpit/cockpit.js") == load("/_nicegui/3.18.0/static/nicegui.js") == 200
+    assert ask(guard, (HERE,), kind="websocket")[0] == 200
+    clock.now = MINUTE
+    assert load("/") == 200
+    assert load("/") == 503
+    clock.now += MINUTE
+    assert [load("/") for _ in range(MOST_PAGES + 1)] == [200] * MOST_PAGES + [503]
 
 
 @pytest.mark.parametrize(("host", "wanted"), [

@@ -1,10 +1,16 @@
-"""The cockpit's page in a headless Chromium: a scripted person flies with the keys alone."""
+"""The cockpit's page in a headless Chromium: a scripted person flies with keys or a gamepad.
 
+Nothing here measures time: a machine with two busy cores shows the same, later. The person waits
+for what they see, and who flies badly because the machine is slow flies again in slower motion.
+"""
+
+import json
 import re
 import signal
 import subprocess
 import sys
-import time
+from contextlib import suppress
+from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -69,6 +75,10 @@ class Graph(Peer):
     def phase(self):
         return int(self.rows.read(self.heard["piloting"][-1])[4]) if self.heard["piloting"] else -1
 
+    @property
+    def learner_flies(self):
+        return self.now.source in (Source.EXPLOIT, Source.EXPLORE)
+
 
 class Cockpit:
     """`iolspi cockpit`, whose address is known."""
@@ -88,7 +98,7 @@ class Cockpit:
 
     def end(self):
         self.process.send_signal(signal.SIGINT)
-        said, _ = self.process.communicate(timeout=30)
+        said, _ = self.process.communicate(timeout=60)
         return self.process.returncode, said
 
 
@@ -112,11 +122,11 @@ def take_the_stick(graph, page):
     graph.until(lambda: "you have the stick" in page.text("crowd"))
 
 
-class Hands:
-    """Arrow keys for actions: the first to the left, the last to the right, none for neutral."""
+class Keys:
+    """A key for each action, none for neutral, and space to take over."""
 
-    def __init__(self, page, actions):
-        self.page, self.keys, self.held = page, actions, None
+    def __init__(self, page, keys):
+        self.page, self.keys, self.held = page, keys, None
 
     def do(self, action):
         key = self.keys.get(action)
@@ -127,72 +137,201 @@ class Hands:
                 self.page.press(key)
             self.held = key
 
-
-def fly(graph, hands, law):
-    """Fly until the episode waits for a verdict; its number."""
-    end = time.monotonic() + 60.0
-    while graph.phase != Phase.REVIEW:
-        assert time.monotonic() < end, graph.now
-        graph.loop.once(0.01)
-        hands.do(law.decide(graph.now.state, 0.0))
-    hands.do(None)
-    return int(graph.rows.read(graph.heard["piloting"][-1])[0])
+    def take_over(self, held):
+        (self.page.press if held else self.page.lift)(" ")
 
 
+class Gamepad:
+    """The left stick steers, A is the last action, a shoulder button takes over.
+
+    A fake: no device is plugged in, and the page's own `getGamepads` is replaced. What is real is
+    all behind it: the page's reading of it, the socket, `joy`, the demonstrator, and the vehicle.
+    """
+
+    FAKE = """
+        const buttons = Array.from({length: 16}, () => ({pressed: false}));
+        window.fakePad = {axes: [0, 0], buttons};
+        navigator.getGamepads = () => [null, window.fakePad];
+    """
+
+    def __init__(self, page, task):
+        self.page, self.task, self.held = page, task, None
+        page.run(self.FAKE)
+
+    def do(self, action):
+        if action == self.held:
+            return
+        self.held, release = action, action == self.task.n_actions - 1
+        value = (0.0,) if release else self.task.actions[action].value
+        x, y = value if len(value) == 2 else (0.0, -value[0])
+        stick = [-y / 3.0, -x / 3.0]  # right and down are its positive ends
+        self.page.run(f"fakePad.axes = {stick}; fakePad.buttons[0].pressed = {int(release)};")
+
+    def take_over(self, held):
+        self.page.run(f"fakePad.buttons[4].pressed = {int(held)};")
+
+
+@dataclass
+class Person:
+    """Flies by a law and by what they see, and judges how it went."""
+
+    graph: Graph
+    page: Browser
+    hands: Keys | Gamepad
+    law: object
+    task: object
+    speed: float
+    towards: int
+
+    def begin(self):
+        """Do what the page says until an episode is theirs; whoever hung must begin anew."""
+        graph, begun = self.graph, (Phase.FLYING, Phase.REVIEW)
+        while graph.phase not in begun:
+            if "you have the stick" not in self.page.text("crowd"):
+                take_the_stick(graph, self.page)
+            self.hands.do(self.towards if graph.phase == Phase.WAITING else self.task.neutral)
+            phase = graph.phase
+            with suppress(AssertionError):
+                graph.until(lambda phase=phase: graph.phase != phase, 3.0)
+
+    def fly(self):
+        """Fly until the episode waits for a verdict; its number, and whether it went well."""
+        graph, paused, before = self.graph, False, None
+        self.begin()
+        while graph.phase != Phase.REVIEW:
+            if graph.now is before:
+                graph.until(
+                    lambda seen=before: graph.now is not seen or graph.phase == Phase.REVIEW
+                )
+            before, state = graph.now, graph.now.state.copy()
+            # What is decided now is flown at the next state: a person looks ahead, too.
+            if isinstance(self.hands, Gamepad):
+                state[0::2] += self.task.sampling_time * state[1::2]
+            self.hands.do(self.law.decide(state, 0.0))
+            paused |= graph.phase == Phase.PAUSED
+        self.hands.do(self.task.neutral)
+        episode = int(graph.rows.read(graph.heard["piloting"][-1])[0])
+        return episode, not paused and self.went_well(episode)
+
+    def went_well(self, episode):
+        """Whether it swung up, or ended as the task wants it."""
+        flown = [seen for seen in self.graph.seen if seen.episode == episode]
+        if self.task.name == "pendulum":
+            return min(abs(seen.state[0]) for seen in flown) < 0.3
+        last = next((seen for seen in flown if seen.last), None)
+        return (
+            last is not None
+            and self.task.endings[int(self.task.ending(last.reward, last.terminated))].name
+            == self.task.endings[1].name
+        )
+
+    def judge(self, verdict):
+        if "you have the stick" not in self.page.text("crowd"):
+            take_the_stick(self.graph, self.page)
+        self.tap(verdict)
+        self.graph.until(lambda: self.graph.phase != Phase.REVIEW)
+
+    def tap(self, key):
+        self.page.press(key)
+        self.page.lift(key)
+
+    def demonstrate(self, wanted):
+        """Keep so many that went well, and discard the others and the second; the kept ones."""
+        verdicts, discards = {}, wanted > 1
+        while list(verdicts.values()).count("k") < wanted:
+            assert len(verdicts) < 12, verdicts
+            episode, well = self.fly()
+            verdicts[episode] = "k" if well and not (discards and "k" in verdicts.values()) else "d"
+            discards = discards and not (well and verdicts[episode] == "d")
+            self.judge(verdicts[episode])
+            if not well and self.speed > 0.1:
+                self.slow_down()
+        return sorted(episode for episode, verdict in verdicts.items() if verdict == "k")
+
+    def slow_down(self):
+        self.speed = max(0.1, self.speed / 2)
+        self.page.set("speed", self.speed)
+        self.graph.until(lambda: self.page.part("speed") == self.speed)
+
+
+STORIES = {
+    "pendulum": ("0.2", 2, lambda page, task: Keys(page, {0: "ArrowLeft", 2: "ArrowRight"})),
+    "slung_load": ("0.5", 2, Gamepad),
+    "slung_load_3d": ("0.5", 1, Gamepad),
+}
+"""Speed, the action to begin with, and what is flown with."""
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"), [("pendulum", 3), ("slung_load", 3), ("slung_load_3d", 1)]
+)
 def test_a_person_demonstrates_keeps_discards_hands_over_takes_over_and_lets_go(
-    ros, cockpit, browser
+    ros, cockpit, browser, name, wanted
 ):
-    task = Pendulum().description
-    run = cockpit("--speed", "0.2", "--seed", "1")
+    vehicle = task_class(name)()
+    task, (speed, towards, hands) = vehicle.description, STORIES[name]
+    run = cockpit("--task", name, "--speed", speed, "--seed", "1")
     graph = Graph(ros, task)
     page = browser(run.address)
     take_the_stick(graph, page)
-    hands, law = Hands(page, {0: "ArrowLeft", 2: "ArrowRight"}), Perform(9.81)
-    graph.until(lambda: graph.phase == Phase.WAITING)
-    page.press("ArrowRight")
-    page.lift("ArrowRight")
-    verdicts = {}
-    for verdict in ("k", "d", "k", "k"):
-        graph.until(lambda: graph.phase == Phase.FLYING, 30.0)
-        verdicts[fly(graph, hands, law)] = verdict
-        page.press(verdict)
-        page.lift(verdict)
-        graph.until(lambda: graph.phase != Phase.REVIEW)
-    page.press("f")
-    page.lift("f")
-    graph.until(lambda: graph.phase == Phase.ENDED)
-    graph.until(lambda: graph.now.source in (Source.EXPLOIT, Source.EXPLORE), 60.0)
-    graph.until(lambda: page.text("who").startswith("learner"))
-
-    graph.until(lambda: 20 < graph.now.step < 100)  # in flight
-    page.press(" ")
-    graph.until(lambda: graph.now.source == Source.HUMAN, 5.0)
-    page.press("ArrowLeft")
-    graph.until(lambda: (graph.now.source, graph.now.action) == (Source.HUMAN, 0), 5.0)
-    page.lift("ArrowLeft")
-    page.lift(" ")
-    graph.until(lambda: graph.now.source in (Source.EXPLOIT, Source.EXPLORE), 5.0)
-    graph.until(lambda: page.part("scores") and any(row[3] for row in page.part("scores")), 30.0)
+    law = (
+        Perform(9.81) if name == "pendulum" else vehicle.pilot("perform", np.random.default_rng(0))
+    )
+    law.begin()
+    person = Person(graph, page, hands(page, task), law, task, float(speed), towards)
+    kept = person.demonstrate(wanted)
+    if wanted > 1:
+        hand_over_take_over_and_let_go(person)
     assert page.complaints() == []
     status, said = run.end()
     assert status == 0, said
-    assert (run.folder / "checkpoint.npz").exists()
+    assert (run.folder / "checkpoint.npz").exists() == (wanted > 1)
 
-    kept = sorted(episode for episode, verdict in verdicts.items() if verdict == "k")
     bag = run.folder / "demonstration"
     demonstration = bags.read_demonstration(bag, task)
     assert sorted({sample.episode for sample in demonstration.samples}) == kept
-    assert len(demonstration.samples) == 3 * task.episode_steps
-    sources = [sample.source for sample in demonstration.samples]
-    # The vehicle holds the first state until the person answers it; all else is theirs.
-    assert sources.count(Source.HUMAN) >= 0.98 * len(sources)
-    assert set(sources) <= {Source.HUMAN, Source.HOLD}
     assert "person" in bags.read_card(bag)["pilot"]
-    swung_up = [
-        min(abs(s.transition.state[0]) for s in demonstration.samples if s.episode == episode)
-        for episode in kept
-    ]
-    assert max(swung_up) < 0.3
+    seen = {(each.episode, each.step): each for each in graph.seen}
+    for episode in kept:
+        flown = [sample for sample in demonstration.samples if sample.episode == episode]
+        # On a busy machine a message may be lost: then there are fewer, and never wrong ones.
+        assert len(flown) >= 0.9 * max(step for number, step in seen if number == episode)
+        for sample in flown:
+            after = seen.get((episode, sample.step + 1))
+            assert after is None or after.state.tolist() == sample.transition.next_state.tolist()
+        sources = [sample.source for sample in flown]
+        # The vehicle holds while it waits for the person's answer; all else is theirs.
+        assert sources.count(Source.HUMAN) >= 0.9 * len(sources)
+        assert set(sources) <= {Source.HUMAN, Source.HOLD}
+    if name == "pendulum":
+        assert taught(bag) < 1.02
+
+
+def hand_over_take_over_and_let_go(person):
+    """The learner flies, then the person, in flight, and then the learner again."""
+    graph, page, task = person.graph, person.page, person.task
+    person.tap("f")
+    graph.until(lambda: graph.phase == Phase.ENDED)
+    graph.until(lambda: graph.learner_flies)
+    graph.until(lambda: page.text("who").startswith("learner"))
+    graph.until(lambda: 2 < graph.now.step < task.episode_steps / 3 and graph.learner_flies)
+    person.hands.take_over(True)
+    graph.until(lambda: graph.now.source == Source.HUMAN)
+    person.hands.do(0)
+    graph.until(lambda: (graph.now.source, graph.now.action) == (Source.HUMAN, 0))
+    person.hands.do(task.neutral)
+    person.hands.take_over(False)
+    graph.until(lambda: graph.learner_flies)
+    graph.until(lambda: any(score[3] for score in page.part("scores") or []))
+
+
+def taught(bag):
+    """Cost of a policy that is learned from a bag and two minutes, as a ratio to near-optimal."""
+    command = [sys.executable, "-m", "iolspi_ros", "learn", "--demos", bag, "--episodes", "80",
+               "--out", bag.parent / "learned"]  # fmt: skip
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)
+    summary = json.loads((bag.parent / "learned" / "summary.json").read_text())
+    return summary["ratio_to_near_optimal"]
 
 
 def test_the_page_asks_nobody_but_its_own_server(ros, nodes, browser):
@@ -209,46 +348,79 @@ def test_the_page_asks_nobody_but_its_own_server(ros, nodes, browser):
     del kept
 
 
-def test_a_hidden_or_closed_page_lets_go(ros, nodes, browser):
+NOTE_WORDS = """
+    const send = WebSocket.prototype.send;
+    window.words = [];
+    WebSocket.prototype.send = function (text) {
+      if (String(text).startsWith('{"say"')) window.words.push(JSON.parse(text).say);
+      return send.call(this, text);
+    };
+"""
+HIDE = """
+    Object.defineProperty(document, 'hidden', {value: true, configurable: true});
+    document.dispatchEvent(new Event('visibilitychange'));
+"""
+SHOW = "Object.defineProperty(document, 'hidden', {value: false, configurable: true})"
+HANG = """
+    setTimeout(() => {
+      const end = Date.now() + 2000;
+      while (Date.now() < end);
+      window.hung = Date.now();
+    })
+"""
+
+
+def test_a_page_that_is_hidden_closed_or_stopped_lets_go(ros, nodes, browser):
+    """Who sees it coming says so; who is silent is centred, and then has no stick any more."""
     nodes.start("cockpit")
     nodes.wait_for("cockpit", "open http")
     address = re.search(r"open (\S+)", nodes.log("cockpit"))[1]
     graph = Graph(ros, Pendulum().description)
     kept = graph.be_vehicle(Pendulum().description)
-    page = browser(address)
+    page, watcher = browser(address), browser(address)
+    page.run(NOTE_WORDS)
     heard = graph.heard["joy"]
 
-    def released(how):
+    def let_go(how):
+        """When the page let go, after it had held the stick to the left [s]."""
         take_the_stick(graph, page)
         page.press("ArrowLeft")
         graph.until(lambda: heard and heard[-1].axes[0] == 1.0)
-        begin = time.time()
-        how()
-        graph.until(lambda: heard[-1].axes[0] == 0.0)
-        stamp = next(m.header.stamp for m in heard if m.axes[0] == 0.0 and stamped(m) > begin)
         heard.clear()
-        return stamp.sec + stamp.nanosec / 1e9 - begin
+        how()
+        graph.until(lambda: any(message.axes[0] == 0.0 for message in heard))
+        stamp = next(message for message in heard if message.axes[0] == 0.0).header.stamp
+        return stamp.sec + stamp.nanosec / 1e9
 
-    def stamped(message):
-        return message.header.stamp.sec + message.header.stamp.nanosec / 1e9
-
-    hide = """
-        Object.defineProperty(document, 'hidden', {value: true, configurable: true});
-        document.dispatchEvent(new Event('visibilitychange'));
-    """
-    hang = "setTimeout(() => { const end = Date.now() + 1500; while (Date.now() < end); })"
-    assert released(lambda: page.run(hang)) < 0.3
-    graph.spin(1.5)
+    when = let_go(lambda: page.run(HANG))
+    graph.until(lambda: page.run("return window.hung || 0"))
+    assert when < page.run("return window.hung") / 1000
     page.lift("ArrowLeft")
-    page.click("stick-button")  # put down
-    assert released(lambda: page.run(hide)) < 0.3
-    page.run("Object.defineProperty(document, 'hidden', {value: false, configurable: true})")
-    assert released(lambda: page.run("window.dispatchEvent(new Event('pagehide'))")) < 0.3
-    assert released(page.driver.close) < 0.3
+    if "you have the stick" in page.text("crowd"):
+        page.click("stick-button")
+    let_go(lambda: page.run(HIDE))
+    assert page.run("return window.words.pop()") == "give"
+    page.run(SHOW)
+    let_go(lambda: page.run("window.dispatchEvent(new Event('pagehide'))"))
+    assert page.run("return window.words.pop()") == "give"
+
+    try:
+        let_go(page.stop)
+        graph.until(lambda: watcher.part("stick")["holder"] is None)
+        take_the_stick(graph, watcher)
+        watcher.click("stick-button")
+    finally:
+        page.go_on()
+    page.lift("ArrowLeft")
+    graph.until(lambda: page.text("link") == "connected")
+
+    let_go(page.driver.close)
+    graph.until(lambda: watcher.part("stick") == {"holder": None, "asking": [], "browsers": 1})
     graph.spin(0.2)  # what is under way
     heard.clear()
     graph.spin(0.5)
     assert heard == []
+    assert watcher.complaints() == []
     del kept
 
 
@@ -361,73 +533,3 @@ def test_a_camera_sees_what_a_pinhole_does(nodes, browser):
         np.testing.assert_allclose(
             seen, [size[0] / 2 + focal * u / far, size[1] / 2 - focal * v / far]
         )
-
-
-FAKE_GAMEPAD = """
-    const buttons = Array.from({length: 16}, () => ({pressed: false}));
-    window.fakePad = {axes: [0, 0], buttons};
-    navigator.getGamepads = () => [null, window.fakePad];
-"""
-"""A fake: no device is plugged in, and the page's own `getGamepads` is replaced. What is real is
-all behind it: the page's reading of it, the socket, `joy`, the demonstrator, and the vehicle."""
-
-
-def stick_for(value):
-    """Where a gamepad's left stick is for an acceleration: right and down are its positive ends."""
-    x, y = value if len(value) == 2 else (0.0, -value[0])
-    return [-y / 3.0, -x / 3.0]
-
-
-@pytest.mark.parametrize(("name", "towards"), [("slung_load", 2), ("slung_load_3d", 1)])
-def test_the_load_is_flown_with_a_gamepad_until_it_dunks(ros, cockpit, browser, name, towards):
-    """By a scripted person with a fake gamepad: the stick steers, A releases."""
-    vehicle = task_class(name)()
-    task = vehicle.description
-    run = cockpit("--task", name, "--speed", "0.5", "--seed", "1")
-    graph = Graph(ros, task)
-    page = browser(run.address)
-    take_the_stick(graph, page)
-    page.run(FAKE_GAMEPAD)
-    held = [None]
-
-    def hold(action):
-        """The stick, or for the last of the actions A."""
-        if action == held[0]:
-            return
-        held[0], last = action, action == task.n_actions - 1
-        stick = [0, 0] if last else stick_for(task.actions[action].value)
-        page.run(f"fakePad.axes = {stick}; fakePad.buttons[0].pressed = {int(last)};")
-
-    law = vehicle.pilot("perform", np.random.default_rng(0))
-    law.begin()
-    graph.until(lambda: graph.phase == Phase.WAITING, 30.0)
-    hold(towards)
-    graph.until(lambda: graph.phase == Phase.COUNTDOWN, 30.0)
-    hold(task.neutral)
-    dunk, end = task.endings[1], time.monotonic() + 100.0
-    assert dunk.success
-    ended = []
-    while dunk.name not in ended and time.monotonic() < end:
-        graph.until(lambda: graph.phase in (Phase.FLYING, Phase.REVIEW), 30.0)
-        while graph.phase == Phase.FLYING and time.monotonic() < end:
-            graph.loop.once(0.01)
-            # Where it will be when the word has come: a person looks ahead, too.
-            ahead = graph.now.state.copy()
-            ahead[0::2] += 0.1 * ahead[1::2]
-            hold(law.decide(ahead, 0.0))
-        hold(task.neutral)
-        graph.until(lambda: graph.phase == Phase.REVIEW, 30.0)
-        last = next(seen for seen in reversed(graph.seen) if seen.last)
-        ended.append(task.endings[int(task.ending(last.reward, last.terminated))].name)
-        verdict = "k" if ended[-1] == dunk.name else "d"
-        page.press(verdict)
-        page.lift(verdict)
-        graph.until(lambda: graph.phase != Phase.REVIEW)
-    assert ended[-1] == dunk.name, ended
-    assert page.complaints() == []
-    status, said = run.end()
-    assert status == 0, said
-    demonstration = bags.read_demonstration(run.folder / "demonstration", task)
-    assert demonstration.samples[-1].transition.reward == dunk.reward
-    assert {sample.source for sample in demonstration.samples} <= {Source.HUMAN, Source.HOLD}
-    assert demonstration.samples[-1].source == Source.HUMAN

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import hmac
-from collections.abc import Iterable
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 COOKIE = "iolspi_cockpit"
+FILES = ("/cockpit/", "/painter/", "/_nicegui")
+"""What paths begin with that cost nothing. Each other one makes a page, which is kept for a minute
+(0.7 MB) for a browser that may open its sockets."""
+MOST_PAGES, MINUTE = 120, 60.0
+"""Pages at most in so many seconds."""
 _REFUSED = (
     b"This cockpit needs a token, and yours is missing or wrong. Open the whole address that the "
     b"cockpit printed when it started; it ends with ?token=...\n"
@@ -17,6 +24,7 @@ _ELSEWHERE = (
     b"This cockpit is for this machine only: open it by the address that it printed when it "
     b"started.\n"
 )
+_CROWDED = b"This page was loaded too often in the last minute. Load it again after that.\n"
 
 
 class Guard:
@@ -30,11 +38,16 @@ class Guard:
     host : str
         Where it is served. Without a token only requests that call the server by a name of this
         machine pass, so that no page of somebody else reaches it through a name of their own.
+    clock : callable
+        Seconds.
     """
 
-    def __init__(self, app: Any, token: str, host: str) -> None:
+    def __init__(
+        self, app: Any, token: str, host: str, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._app, self._token = app, token.encode()
         self._names = () if token else ("localhost", "127.0.0.1", "::1", host)
+        self._clock, self._pages = clock, deque[float](maxlen=MOST_PAGES)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Pass a request on, or refuse it."""
@@ -50,8 +63,20 @@ class Guard:
             await _refuse(scope, send, _REFUSED)
         elif scope["type"] == "websocket" and not _own_page(headers):
             await _refuse(scope, send, _ELSEWHERE)
+        elif scope["type"] == "http" and self._crowded(scope["path"]):
+            await _refuse(scope, send, _CROWDED, 503)
         else:
             await self._app(scope, receive, self._remembering(scope, send))
+
+    def _crowded(self, path: str) -> bool:
+        """Whether this is one page too many."""
+        if path.startswith(FILES):
+            return False
+        now = self._clock()
+        if len(self._pages) == MOST_PAGES and now - self._pages[0] < MINUTE:
+            return True
+        self._pages.append(now)
+        return False
 
     def _remembering(self, scope: Any, send: Any) -> Any:
         """Give a browser that brought the token a cookie with it: its sockets bring that."""
@@ -91,10 +116,10 @@ def _hostname(host: str) -> str | None:
         return None
 
 
-async def _refuse(scope: Any, send: Any, text: bytes) -> None:
+async def _refuse(scope: Any, send: Any, text: bytes, status: int = 403) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return
     kind = [(b"content-type", b"text/plain; charset=utf-8")]
-    await send({"type": "http.response.start", "status": 403, "headers": kind})
+    await send({"type": "http.response.start", "status": status, "headers": kind})
     await send({"type": "http.response.body", "body": text})

@@ -20,9 +20,15 @@ STICK_PERIOD = 1 / 60
 """Seconds between two messages on `joy` while somebody has the stick."""
 FRAME_PERIOD = 1 / 50
 """Seconds between two looks at what is new for a browser."""
+STALLED = 20.0
+"""Seconds for which a browser may take nothing of what is sent to it, before it counts as gone."""
 MOST_BROWSERS = 32
 MOST_WORDS, FLOOD = 250, 2500
 """Messages of a browser in a second: more are dropped; with so many it is shut out."""
+
+
+GONE = (WebSocketDisconnect, RuntimeError, KeyError, TimeoutError, asyncio.CancelledError)
+"""How a talk ends; a KeyError is of a browser that sent bytes, which nobody does."""
 
 
 class Cockpit(Protocol):
@@ -130,28 +136,31 @@ class Session:
         self._browsers[browser] = socket
         self._tell()
         await socket.send_text(json.dumps({"part": "you", "is": browser}))
-        sending = asyncio.create_task(self._send(socket))
+        talk = [asyncio.create_task(t) for t in (self._send(socket), self._listen(browser, socket))]
         try:
-            await self._listen(browser, socket)
-        except (WebSocketDisconnect, RuntimeError, KeyError):
-            pass  # it is gone; or it sent bytes, which nobody does
+            await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            sending.cancel()
+            for task in talk:
+                task.cancel()
             del self._browsers[browser]
             self._leave(browser)
-            with suppress(RuntimeError):
-                await socket.close()
+        ended = await asyncio.gather(*talk, return_exceptions=True)
+        with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
+            async with asyncio.timeout(1.0):  # it may take nothing any more
+                await socket.close(1001)
+        for error in ended:
+            if isinstance(error, BaseException) and not isinstance(error, GONE):
+                raise error
 
     async def _send(self, socket: WebSocket) -> None:
         """Send what is new; a slow browser gets the newest when it is ready for it."""
         version = 0
-        with suppress(WebSocketDisconnect, RuntimeError):
-            while not self._closed:
-                version, parts = self._board.since(version)
-                for part in parts:
+        while not self._closed:
+            version, parts = self._board.since(version)
+            for part in parts:
+                async with asyncio.timeout(STALLED):
                     await socket.send_text(part)
-                await asyncio.sleep(FRAME_PERIOD)
-            await socket.close(1001)
+            await asyncio.sleep(FRAME_PERIOD)
 
     async def _listen(self, browser: int, socket: WebSocket) -> None:
         second, count = 0.0, 0
