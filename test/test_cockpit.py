@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from fastapi import WebSocketDisconnect
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -270,6 +271,21 @@ def test_a_browser_that_takes_nothing_is_gone(session, monkeypatch):
     assert session.condition()["browsers"] == 0
     assert session.stick.holder is None
     assert session.node.done == [LEFT, REST]
+
+
+@pytest.mark.parametrize("error", [WebSocketDisconnect(), RuntimeError(), KeyError("text")])
+def test_however_a_browser_goes_nobody_complains(session, error):
+    """In the middle of a word to it, too: a flood's end left a page of errors in the log."""
+
+    class Gone(Socket):
+        async def receive_text(self):
+            raise error
+
+        async def close(self, *_):
+            raise WebSocketDisconnect
+
+    asyncio.run(session.serve(Gone([])))
+    assert session.condition()["browsers"] == 0
 
 
 def test_what_nobody_expects_is_not_kept_quiet(session):
