@@ -96,6 +96,24 @@ def test_what_is_no_position_is_dropped_and_counted(wrong):
     assert stick.action() == 1
 
 
+def test_of_two_sticks_the_first_counts_until_it_is_silent():
+    stick, clock = made(joy_inverted=False, joy_timeout=0.5)
+    for n in range(10):
+        clock.now += 0.05
+        stick.take([1.0], [], "page")
+        stick.take([-1.0], [], "pad")
+        assert (stick.action(), stick.others) == (2, n + 1)
+    clock.now += 0.51
+    stick.take([-1.0], [], "pad")
+    stick.take([1.0], [], "page")
+    assert (stick.action(), stick.others) == (0, 11)
+    clock.now += 0.51
+    for _ in range(3):  # what is no stick keeps nobody away
+        stick.take([math.nan], [], "broken")
+        stick.take([1.0], [], "page")
+    assert stick.action() == 2
+
+
 def test_silence_is_neutral_and_nothing_is_pressed():
     stick, clock = made((1,), joy_timeout=0.5)
     assert stick.silent

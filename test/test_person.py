@@ -9,7 +9,7 @@ import pytest
 from conftest import Peer
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import Trigger
 
 from iolspi_ros import bags, qos, wire
@@ -440,18 +440,21 @@ def test_a_stick_that_falls_silent_pauses_and_marks_the_episode(nodes, person, t
     [({"joy_axis": 3}, 2, "the joystick has no axis 3; allowed: 0 to 0"),
      ({"takeover_button": 6}, 2, "the joystick has no button 6; allowed: 0 to 1"),
      ({"nan": True}, 1, "messages of the joystick were no positions of a stick"),
-     ({"two": True}, 1, "publish on /joy, where only one may")],
+     ({"two": True}, 1, "publish on /joy, where only one may"),
+     ({"two": True}, 1, "messages of another joystick were not listened to")],
 )  # fmt: skip
 def test_a_stick_that_cannot_be_trusted_is_said(nodes, person, values, level, words):
     person.listen("/diagnostics", DiagnosticArray, qos.RECORDING)
     if "two" in values:
-        person.publisher("joy", Joy)
+        other = person.publisher("joy", Joy)
     if "nan" in values:
         person.axis = float("nan")
     nodes.start("simulator")
     demonstrate(nodes, **{k: v for k, v in values.items() if k not in ("two", "nan")})
 
     def said():
+        if "two" in values:
+            other.publish(Joy(header=Header(frame_id="other"), axes=[1.0], buttons=[1, 1]))
         return any(
             words in status.message and status.level == bytes([level])
             for m in person.heard["/diagnostics"] for status in m.status

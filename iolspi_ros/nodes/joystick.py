@@ -113,8 +113,8 @@ class Joystick:
     ----------
     fault : str
         What is used and not there, in words; empty for nothing.
-    dropped : int
-        Messages that were no positions of a stick.
+    dropped, others : int
+        Messages that were no positions of a stick; that were of another one.
 
     Raises
     ------
@@ -144,7 +144,8 @@ class Joystick:
         self._rest: tuple[dict[int, float], list[int]] = (self._axes, [])
         self._time = -math.inf
         self.fault = ""
-        self.dropped = 0
+        self._name = ""
+        self.dropped = self.others = 0
 
     def _by_value(self, actions: Sequence[Action]) -> dict[int, tuple[float, ...]]:
         """What each action on the stick asks for, as shares of the most that any does."""
@@ -166,8 +167,15 @@ class Joystick:
             n: tuple(v / m for v, m in zip(value, most, strict=True)) for n, value in found.items()
         }
 
-    def take(self, axes: Sequence[float], buttons: Sequence[int]) -> None:
-        """Remember where the stick is, if that is what this says."""
+    def take(self, axes: Sequence[float], buttons: Sequence[int], name: str = "") -> None:
+        """Remember where the stick is, if that is what this says.
+
+        Of several sticks the one that is heard first counts, by its name, until it is silent.
+        """
+        if name != self._name and not self.silent:
+            self.others += 1
+            return
+        self._name = name
         self.fault = self._lacking(len(axes), len(buttons))
         if self.fault:
             self._time = -math.inf

@@ -109,7 +109,7 @@ class Person:
         if stick is None:
             return
         before = stick.fault
-        stick.take(message.axes, message.buttons)
+        stick.take(message.axes, message.buttons, message.header.frame_id)
         if stick.fault and stick.fault != before:
             self._node.get_logger().error(f"{stick.fault}; it does not fly")
         if self._node.active and self._flight is not None:
@@ -136,11 +136,14 @@ class Person:
         report.values |= {
             "joystick": "silent" if stick.silent else "there",
             "joystick messages dropped": stick.dropped,
+            "messages of other joysticks": stick.others,
             "vehicle": "held" if self._topics.held else "not held",
         }
         report.worry(stick.fault, DiagnosticStatus.ERROR)
         if stick.dropped:
             report.worry(f"{stick.dropped} messages of the joystick were no positions of a stick")
+        if stick.others:
+            report.worry(f"{stick.others} messages of another joystick were not listened to")
         if not isinstance(self._flight, HandFlight):
             return
         piloting = self._flight.piloting

@@ -113,7 +113,7 @@ class CockpitNode(ManagedNode):
         if not self._flying or not self.n_actions:
             return
         message = Joy(axes=list(at.axes), buttons=list(at.buttons))
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp, message.header.frame_id = self.get_clock().now().to_msg(), "cockpit"
         self._joy.publish(message)
 
     def call(self, service: str) -> None:

@@ -92,6 +92,7 @@ class TerminalStick:
         self._said, self._when = at, now
         message = Joy(axes=list(at.axes), buttons=list(at.buttons))
         message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = "terminal"
         self._out.publish(message)
 
     def _call(self, verdict: str) -> None:
