@@ -445,6 +445,19 @@ def test_scores_are_sums_of_episodes_that_were_seen_whole():
     assert shown.scores[4] == Score(4, -5.0, False, 2)
 
 
+@pytest.mark.parametrize("before", [0, 2, 3, 4])
+def test_what_the_learner_says_of_an_episode_counts_whenever_it_comes(before):
+    """Its word may come before the states that are shown, which are looked at 30 times a second."""
+    shown = Episodes(Pendulum().description)
+    states = list(episode(3, [-1.0, -2.0, -4.0], Source.HUMAN))
+    for seen in states[:before]:
+        shown.take(seen)
+    shown.score(Score(3, -6.9, False, 2))
+    for seen in states[before:]:
+        shown.take(seen)
+    assert shown.scores == {3: Score(3, -6.9, True, 2)}
+
+
 def test_visits_are_counted_where_they_were():
     shown = Episodes(Pendulum().description)
     for seen in episode(0, [0.0] * 9, Source.EXPLOIT, angle=3.1):

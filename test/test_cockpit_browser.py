@@ -9,7 +9,7 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+import time
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -75,6 +75,13 @@ class Graph(Peer):
     def phase(self):
         return int(self.rows.read(self.heard["piloting"][-1])[4]) if self.heard["piloting"] else -1
 
+    def soon(self, ready, seconds=3.0):
+        """Whether something comes to hold within so long."""
+        end = time.monotonic() + seconds
+        while not ready() and time.monotonic() < end:
+            self.loop.once(0.02)
+        return ready()
+
     @property
     def learner_flies(self):
         return self.now.source in (Source.EXPLOIT, Source.EXPLORE)
@@ -116,10 +123,14 @@ def cockpit(tmp_path):
             one.end()
 
 
+def has_the_stick(page):
+    return "you have the stick" in page.text("crowd")
+
+
 def take_the_stick(graph, page):
-    graph.until(lambda: page.text("task") and "you have the stick" not in page.text("crowd"))
+    graph.until(lambda: page.text("task") and not has_the_stick(page))
     page.click("stick-button")
-    graph.until(lambda: "you have the stick" in page.text("crowd"))
+    graph.until(lambda: has_the_stick(page))
 
 
 class Keys:
@@ -184,15 +195,25 @@ class Person:
     towards: int
 
     def begin(self):
-        """Do what the page says until an episode is theirs; whoever hung must begin anew."""
+        """Do what the page says until an episode is theirs."""
         graph, begun = self.graph, (Phase.FLYING, Phase.REVIEW)
-        while graph.phase not in begun:
-            if "you have the stick" not in self.page.text("crowd"):
-                take_the_stick(graph, self.page)
+
+        def move():
             self.hands.do(self.towards if graph.phase == Phase.WAITING else self.task.neutral)
             phase = graph.phase
-            with suppress(AssertionError):
-                graph.until(lambda phase=phase: graph.phase != phase, 3.0)
+            graph.soon(lambda: graph.phase != phase)
+
+        self.insist(move, lambda: graph.phase in begun)
+
+    def insist(self, act, done):
+        """Do something until it is done: a page that hung has lost the stick, and knows no key."""
+        end = time.monotonic() + 90.0
+        while not self.graph.soon(done, 0.0):
+            assert time.monotonic() < end, (self.graph.phase, self.page.text("crowd"))
+            if not has_the_stick(self.page):
+                take_the_stick(self.graph, self.page)
+            act()
+            self.graph.soon(done)
 
     def fly(self):
         """Fly until the episode waits for a verdict; its number, and whether it went well."""
@@ -226,10 +247,7 @@ class Person:
         )
 
     def judge(self, verdict):
-        if "you have the stick" not in self.page.text("crowd"):
-            take_the_stick(self.graph, self.page)
-        self.tap(verdict)
-        self.graph.until(lambda: self.graph.phase != Phase.REVIEW)
+        self.insist(lambda: self.tap(verdict), lambda: self.graph.phase != Phase.REVIEW)
 
     def tap(self, key):
         self.page.press(key)
@@ -249,9 +267,11 @@ class Person:
         return sorted(episode for episode, verdict in verdicts.items() if verdict == "k")
 
     def slow_down(self):
-        self.speed = max(0.1, self.speed / 2)
-        self.page.set("speed", self.speed)
-        self.graph.until(lambda: self.page.part("speed") == self.speed)
+        self.speed = max(0.1, round(self.speed / 2, 1))  # the slider goes by 0.05
+        self.insist(
+            lambda: self.page.set("speed", self.speed),
+            lambda: self.page.part("speed") == self.speed,
+        )
 
 
 STORIES = {
@@ -310,13 +330,11 @@ def test_a_person_demonstrates_keeps_discards_hands_over_takes_over_and_lets_go(
 def hand_over_take_over_and_let_go(person):
     """The learner flies, then the person, in flight, and then the learner again."""
     graph, page, task = person.graph, person.page, person.task
-    person.tap("f")
-    graph.until(lambda: graph.phase == Phase.ENDED)
+    person.insist(lambda: person.tap("f"), lambda: graph.phase == Phase.ENDED)
     graph.until(lambda: graph.learner_flies)
     graph.until(lambda: page.text("who").startswith("learner"))
     graph.until(lambda: 2 < graph.now.step < task.episode_steps / 3 and graph.learner_flies)
-    person.hands.take_over(True)
-    graph.until(lambda: graph.now.source == Source.HUMAN)
+    person.insist(lambda: person.hands.take_over(True), lambda: graph.now.source == Source.HUMAN)
     person.hands.do(0)
     graph.until(lambda: (graph.now.source, graph.now.action) == (Source.HUMAN, 0))
     person.hands.do(task.neutral)

@@ -110,10 +110,11 @@ class Episodes:
             ending = self.task.endings[int(self.task.ending(seen.reward, seen.terminated))]
             self.ended = ending.name if seen.terminated else ""
         if seen.last and self._steps == seen.step and 2 * self._nobody < self._steps:
-            self.score(Score(seen.episode, self._sum))
+            before = self.scores.get(seen.episode)  # the learner may have said it already
+            self.score(before or Score(seen.episode, self._sum))
 
     def score(self, score: Score) -> None:
-        """Take how an episode went, from its rewards or from the learner, who counts more."""
+        """Take how an episode went: from the learner, or from its rewards if nobody said."""
         if self.now is not None and score.episode == self.now.episode:
             score.demonstrated = 2 * self._demonstrated > self._steps
         self.scores[score.episode] = score

@@ -164,9 +164,8 @@ class Watching:
                 except InputError:
                     self.ignored += 1
         for observation in sorted(filter(None, seen), key=lambda o: (o.episode, o.step)):
-            before = len(self.episodes.scores)
             self.episodes.take(observation)
-            if len(self.episodes.scores) != before:
+            if observation.last:
                 self._show_scores()
         for action in self._taken(self._actions, self._action_rows.read):
             self._asked_by = wire.whole(action[-1])
