@@ -18,7 +18,7 @@ from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.episodes import Episodes, Score
 from msg_bridge.cockpit.guard import MINUTE, MOST_PAGES, Guard
 from msg_bridge.cockpit.policy import POINTS, policy_map
-from msg_bridge.cockpit.session import FLOOD, Session
+from msg_bridge.cockpit.session import FLOOD, MOST_BROWSERS, Session
 from msg_bridge.cockpit.settings import CockpitSettings, token_for
 from msg_bridge.cockpit.virtual_joystick import LOST, SILENCE, Deflection, Stick
 from sim_nodes.tasks.pendulum import Pendulum
@@ -285,6 +285,16 @@ def test_however_a_browser_goes_nobody_complains(session, error):
             raise WebSocketDisconnect
 
     asyncio.run(session.serve(Gone([])))
+    assert session.condition()["browsers"] == 0
+
+
+def test_a_browser_that_is_gone_at_once_takes_nobody_s_place(session):
+    class Gone(Socket):
+        async def send_text(self, text):
+            raise WebSocketDisconnect
+
+    for _ in range(2 * MOST_BROWSERS):
+        asyncio.run(session.serve(Gone([])))
     assert session.condition()["browsers"] == 0
 
 

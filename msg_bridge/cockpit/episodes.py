@@ -110,8 +110,8 @@ class Episodes:
             ending = self.task.endings[int(self.task.ending(seen.reward, seen.terminated))]
             self.ended = ending.name if seen.terminated else ""
         if seen.last and self._steps == seen.step and 2 * self._nobody < self._steps:
-            before = self.scores.get(seen.episode)  # the learner may have said it already
-            self.score(before or Score(seen.episode, self._sum))
+            said = self.scores.get(seen.episode)  # the learner's word may have come before
+            self.score(said or Score(seen.episode, self._sum))
 
     def score(self, score: Score) -> None:
         """Take how an episode went: from the learner, or from its rewards if nobody said."""

@@ -135,8 +135,8 @@ class Session:
         browser = self._newest
         self._browsers[browser] = socket
         self._tell()
-        await socket.send_text(json.dumps({"part": "you", "is": browser}))
-        talk = [asyncio.create_task(t) for t in (self._send(socket), self._listen(browser, socket))]
+        ways = self._send(browser, socket), self._listen(browser, socket)
+        talk = [asyncio.create_task(way) for way in ways]
         try:
             await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -152,8 +152,9 @@ class Session:
             if isinstance(error, BaseException) and not isinstance(error, GONE):
                 raise error
 
-    async def _send(self, socket: WebSocket) -> None:
+    async def _send(self, browser: int, socket: WebSocket) -> None:
         """Send what is new; a slow browser gets the newest when it is ready for it."""
+        await socket.send_text(json.dumps({"part": "you", "is": browser}))
         version = 0
         while not self._closed:
             version, parts = self._board.since(version)
