@@ -224,11 +224,8 @@ class Person:
                 graph.until(
                     lambda seen=before: graph.now is not seen or graph.phase == Phase.REVIEW
                 )
-            before, state = graph.now, graph.now.state.copy()
-            # What is decided now is flown at the next state: a person looks ahead, too.
-            if isinstance(self.hands, Gamepad):
-                state[0::2] += self.task.sampling_time * state[1::2]
-            self.hands.do(self.law.decide(state, 0.0))
+            before = graph.now
+            self.hands.do(self.law.decide(before.state, 0.0))
             paused |= graph.phase == Phase.PAUSED
         self.hands.do(self.task.neutral)
         episode = int(graph.rows.read(graph.heard["piloting"][-1])[0])
