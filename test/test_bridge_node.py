@@ -204,7 +204,7 @@ def test_a_person_takes_over_and_gives_back(nodes, sitl, actor):
     actor.commands(Authority.HOLD)  # the deadman's button
     held = hold(1, 1, axis=-1.0)  # to the right
     actor.commands(Authority.PILOT)
-    actor.until(lambda: sitl.autopilot.body.state[4] > 1.0)  # east
+    actor.until(lambda: sitl.autopilot.body.truth[1][1] > 1.0)  # east
     held.cancel()
     held = hold(0, 1)
     actor.commands(Authority.ACTOR)

@@ -24,11 +24,11 @@ def alone(f):
     east = []
     for _ in range(round(REST / (10 * TICK))):
         autopilot.advance(10 * TICK)
-        east.append(float(autopilot.body.state[1]))
+        east.append(float(autopilot.body.truth[0][1]))
         for link in autopilot.links:
             link.out.clear()
     assert not autopilot.body.broken
-    assert abs(autopilot.body.state[4]) < 0.6
+    assert abs(autopilot.body.truth[1][1]) < 0.6
     return min(east), max(east)
 
 

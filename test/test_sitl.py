@@ -162,11 +162,11 @@ def test_disarming_in_flight_is_refused(like):
 def test_it_flies_home_and_lands(like):
     peer = flying(like, 3.0)
     peer.run(4.0, stream(peer, (1.5, 1.0, 0)))
-    away = np.hypot(*peer.body.state[:2])
+    away = np.hypot(*peer.body.truth[0][:2])
     assert away > 4.0
     assert peer.command(20) == [0]
     peer.until(lambda: not peer.autopilot.commander.armed, 90.0)
-    assert np.hypot(*peer.body.state[:2]) < 0.5
+    assert np.hypot(*peer.body.truth[0][:2]) < 0.5
     assert peer.body.landed
     assert not peer.body.broken
 
@@ -176,9 +176,9 @@ def test_it_brakes_and_holds_in_wind(like):
     peer.run(3.0, stream(peer, (2, 0, 0)))
     peer.mode(*{"px4": (4, 3), "ardupilot": (17,)}[like])  # its LOITER sinks
     peer.run(15.0)
-    place = peer.body.state[:3].copy()
+    place = peer.body.truth[0].copy()
     peer.run(10.0)
-    assert np.linalg.norm(peer.body.state[:3] - place) < 0.5
+    assert np.linalg.norm(peer.body.truth[0] - place) < 0.5
 
 
 def test_a_new_load_hangs_below():
@@ -189,7 +189,7 @@ def test_a_new_load_hangs_below():
     assert peer.body.load[0][2] == 0.0
     peer.order(211, 1, 1)
     peer.run(0.1, hold)
-    np.testing.assert_allclose(peer.body.load[0] - peer.body.state[:3], [0, 0, 1], atol=0.05)
+    np.testing.assert_allclose(peer.body.load[0] - peer.body.truth[0], [0, 0, 1], atol=0.05)
 
 
 # ------------------------------------------------------------ failures on demand
@@ -258,7 +258,7 @@ def test_noise_is_as_large_as_asked_for():
     errors = []
     for _ in range(120):
         peer.run(1.0)
-        errors.append(peer.body.position - peer.body.state[:3])
+        errors.append(peer.body.position - peer.body.truth[0])
     assert np.std(errors) == pytest.approx(0.1, rel=0.2)
 
 
@@ -296,7 +296,7 @@ def test_commands_with_any_numbers(like, number, numbers):
     peer.send(mavlink.MAVLink_command_int_message(
         1, 1, 0, number, 0, 0, *numbers[:4], *whole, numbers[6]))  # fmt: skip
     peer.run(0.5)
-    assert np.isfinite(peer.body.state).all()
+    assert np.isfinite(peer.body.craft).all()
 
 
 numbers = st.tuples(*[st.floats(width=32)] * 3)
@@ -307,8 +307,8 @@ numbers = st.tuples(*[st.floats(width=32)] * 3)
 def test_setpoints_with_any_numbers(like, mask, frame, place, speed, push):
     peer = flying(like, 2.0)
     peer.run(1.0, lambda _: peer.aim(mask, place, speed, push, frame))
-    assert np.isfinite(peer.body.state).all()
-    assert np.abs(peer.body.state).max() < 100.0
+    assert np.isfinite(peer.body.craft).all()
+    assert np.abs([*peer.body.truth, *peer.body.load]).max() < 100.0
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def slope(peer, push, start=0.8, end=2.0):
     def step(t):
         peer.aim(ACCELERATION, push=(push, 0, 0))
         times.append(t)
-        speeds.append(peer.body.state[3])
+        speeds.append(peer.body.truth[1][0])
 
     peer.run(end, step, 50)
     late = np.array(times) > start
@@ -92,7 +92,7 @@ def test_setpoints_do_nothing_before_a_take_off_of_5_s(ready):
     ready.mode(*GUIDED)
     ready.command(400, 1)
     ready.run(4.0, lambda _: ready.aim(VELOCITY, speed=(1, 0, -2)))
-    assert (ready.body.state[:3] == 0.0).all()
+    assert (ready.body.truth[0] == 0.0).all()
     assert ready.command(22, 0, 0, 0, 0, 0, 0, 5) == [0]
     assert ready.until(lambda: ready.body.height > 4.75, 20.0) == pytest.approx(5.3, abs=0.4)
 
@@ -117,11 +117,11 @@ def test_one_ignore_bit_ignores_the_vector():
     """Row "partial masks": z position with ax flies as acceleration only."""
     peer = copter()
     peer.run(2.0, lambda _: peer.aim(0x0C3B, place=(0, 0, -20), push=(2, 0, 0)))
-    assert peer.body.state[3] > 3.0
+    assert peer.body.truth[1][0] > 3.0
     assert peer.body.height == pytest.approx(5.0, abs=0.1)
     peer = copter()
     peer.run(2.0, lambda _: peer.aim(0x0DCF, speed=(2, 0, 0)))  # vx ignored
-    assert np.linalg.norm(peer.body.state[3:6]) < 0.1
+    assert np.linalg.norm(peer.body.truth[1]) < 0.1
 
 
 def test_acceleration_of_nothing_coasts():
@@ -129,9 +129,9 @@ def test_acceleration_of_nothing_coasts():
     peer = copter()
     peer.run(1.2, lambda _: peer.aim(ACCELERATION, push=(3, 0, 0)))
     peer.run(1.0, lambda _: peer.aim(ACCELERATION))
-    before = peer.body.state[3]
+    before = peer.body.truth[1][0]
     peer.run(5.0, lambda _: peer.aim(ACCELERATION))
-    assert -0.15 < peer.body.state[3] - before < 0.05
+    assert -0.15 < peer.body.truth[1][0] - before < 0.05
 
 
 @pytest.mark.parametrize(("jerk", "lowest", "highest"), [(5.0, 6.9, 7.9), (20.0, 2.4, 3.2)])
@@ -143,7 +143,7 @@ def test_fast_square_waves(jerk, lowest, highest):
     def step(t):
         nonlocal fastest
         peer.aim(ACCELERATION, push=(3 if t % 1.0 < 0.5 else -3, 0, 0))
-        fastest = max(fastest, abs(peer.body.state[3]))
+        fastest = max(fastest, abs(peer.body.truth[1][0]))
 
     peer.run(6.0, step, 50)
     assert lowest < fastest < highest
@@ -162,7 +162,7 @@ def test_velocity_setpoint():
             peer.aim(VELOCITY, speed=(2, 0, 0))
         peer.run(0.005)
         times.append(0.005 * (i + 1))
-        speeds.append(peer.body.state[3])
+        speeds.append(peer.body.truth[1][0])
         heights.append(peer.body.height)
     times, speeds = np.array(times), np.array(speeds)
     ten, ninety = times[np.argmax(speeds > 0.2)], times[np.argmax(speeds > 1.8)]
@@ -181,10 +181,10 @@ def test_the_last_setpoint_is_held(time_out, fastest):
     speeds = []
     for _ in range(160):
         peer.run(0.05)
-        speeds.append(peer.body.state[3])
+        speeds.append(peer.body.truth[1][0])
     assert max(speeds) == pytest.approx(fastest, rel=0.1)
     peer.run(4.0)
-    assert abs(peer.body.state[3]) < 0.1
+    assert abs(peer.body.truth[1][0]) < 0.1
     assert peer.shown == GUIDED_MODE
 
 
@@ -203,7 +203,7 @@ def test_a_bad_setpoint_stops_it_in_silence(bad):
     peer.run(3.0, lambda _: peer.aim(VELOCITY, speed=(2, 0, 0)))
     since = peer.now
     peer.run(3.0, lambda _: peer.aim(**bad))
-    assert np.linalg.norm(peer.body.state[3:6]) < 0.1
+    assert np.linalg.norm(peer.body.truth[1]) < 0.1
     assert peer.texts(since) == []
     assert peer.shown == GUIDED_MODE
 
@@ -231,7 +231,7 @@ def test_a_second_sender_is_obeyed():
     peer = copter()
     other = Peer("ardupilot", system=42, share=peer.autopilot)
     other.run(3.0, lambda _: other.aim(VELOCITY, speed=(0, 2, 0)))
-    assert peer.body.state[4] == pytest.approx(2.0, abs=0.1)
+    assert peer.body.truth[1][1] == pytest.approx(2.0, abs=0.1)
     assert other.mode(BRAKE) == [0]
     peer.run(1.0)
     assert peer.shown == BRAKE
@@ -272,8 +272,8 @@ def test_override_of_the_stick():
         peer.aim(VELOCITY, speed=(0, 0, 0))
 
     peer.run(1.0, both)
-    assert np.linalg.norm(peer.body.state[3:6]) < 0.1
-    assert peer.body.state[8] > 0.3
+    assert np.linalg.norm(peer.body.truth[1]) < 0.1
+    assert peer.body.attitude[0, 2] > 0.3
     stick(1650)  # position 5: LOITER
     peer.run(1.1)
     assert peer.shown == LOITER
@@ -291,7 +291,7 @@ def test_a_lapsed_override_crashes_it():
     fastest = 0.0
     while not peer.body.broken:
         assert peer.now < start + 10.0
-        fastest = max(fastest, peer.body.state[5])
+        fastest = max(fastest, peer.body.truth[1][2])
         peer.run(0.005)
     assert fastest == pytest.approx(8.9, abs=1.0)
     peer.run(0.1)

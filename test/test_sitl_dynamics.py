@@ -1,134 +1,154 @@
-"""The vehicle under the embedded autopilot: its load swings, hangs, lies and flies as it must."""
+"""What the embedded autopilot adds to the quadrotor: the ground, and a steering of its own.
+
+The dynamics themselves are looked at in `test_quadrotor.py`.
+"""
+
+import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from sim_nodes.autopilot.body import STEP, Body
-from sim_nodes.autopilot.control import Gains, attitude
-from sim_nodes.autopilot.dynamics import Airframe, derivative, move, thrust_direction
-from sim_nodes.tasks.slung_load import SlungLoad
+from sim_nodes.autopilot.body import STEP, Body, ned
+from sim_nodes.autopilot.control import lean
+from sim_nodes.autopilot.ground import touch
+from sim_nodes.quadrotor.airframe import UTILITY, Payload
+from sim_nodes.quadrotor.body import (
+    ATTITUDE,
+    CABLE,
+    LOAD,
+    LOAD_VELOCITY,
+    POSITION,
+    RATES,
+    SIZE,
+    STAGES,
+    VELOCITY,
+    hovering,
+    move,
+)
+from sim_nodes.quadrotor.cable import SLACK, TAUT
 
 G = 9.81
-BARE = Airframe(drag=0.0, load_drag=0.0, load=1e-6)  # so light that the quadrotor does not feel it
 CALM = np.zeros(3)
+PAYLOAD = Payload(0.1, 1.0, 0.0)
 
 
-def hanging(angle, rate=0.0, height=10.0):
-    """State with the cable at an angle to the north [rad] and its rate [rad/s]."""
-    state = np.zeros(19)
-    state[2], state[12] = -height, G
-    state[13:16] = np.sin(angle), 0.0, np.cos(angle) - height
-    state[16:19] = np.cos(angle) * rate, 0.0, -np.sin(angle) * rate
-    return state
+def fresh(payload=PAYLOAD):
+    return Body(UTILITY, payload, np.random.default_rng(0))
 
 
-def cable(state):
-    """Angle in the plane of north and down [rad]."""
-    return np.arctan2(state[13] - state[0], state[15] - state[2])
+def in_air(body, height, swing=(0.0, 0.0)):
+    body.craft[:] = hovering(body.frame, body.payload, (0.0, 0.0, height), swing)
 
 
-def test_the_load_swings_as_in_the_task():
-    """Against an independent integration of T Eq. 18, pushed as the quadrotor really was."""
-    state, command = hanging(0.6, -0.5), np.array([0.0, 0.0, 0.0, G])
-    pushes, angles = [], []
-    for i in range(1600):
-        # Lean one way and the other, with the thrust that holds the height when settled.
-        command[1] = -0.29 if i % 400 < 200 else 0.29
-        command[3] = G / np.cos(command[1])
-        rates = np.empty(19)
-        derivative(state, command, CALM, True, BARE, rates)
-        pushes.append(rates[3:6])
-        angles.append(cable(state))
-        move(state, command, CALM, True, BARE, STEP)
-    pushes = np.array(pushes)
-    times = STEP * np.arange(len(pushes))
-
-    def pendulum(time, y):
-        push = np.array([np.interp(time, times, pushes[:, i]) for i in range(3)])
-        # T Eq. 18, with what the quadrotor accelerates downwards taken from gravity.
-        return [y[1], -(np.cos(y[0]) * push[0] + np.sin(y[0]) * (G - push[2]))]
-
-    exact = solve_ivp(pendulum, (0, times[-1]), [0.6, -0.5], t_eval=times, rtol=1e-9, atol=1e-9)
-    assert 0.6 < np.abs(angles).max() < np.pi / 2  # it swings wide, on a tight cable
-    assert np.abs(pushes[:, 0]).max() > 2.0
-    np.testing.assert_allclose(angles, exact.y[0], atol=2e-3)
+def pass_time(body, seconds, hover=True):
+    """Rotors as they are, or at rest: and the ground."""
+    command, room = body.craft[13:17].copy() * hover, np.empty((STAGES, SIZE))
+    return max(
+        (move(body.craft, command, CALM, body.frame, body.payload, STEP, room),
+         touch(body.craft, body.payload, STEP))[1]
+        for _ in range(round(seconds / STEP))
+    )  # fmt: skip
 
 
-def test_free_swing_agrees_with_the_tasks_equations():
-    """The task's own compiled step, made small, with the quadrotor hovering."""
-    task, small = SlungLoad(), 1e-4
-    parameters = task.parameters(0.0)
-    parameters[-1] = small
-    here, following = np.array([0.0, 0.0, 0.8, 0.0]), np.empty(4)
-    state, command = hanging(0.8), np.array([0.0, 0.0, 0.0, G])
-    for _ in range(400):
-        move(state, command, CALM, True, BARE, STEP)
-        for _ in range(25):
-            task.compiled(here, 1, 0.0, parameters, following)
-            here, following = following, here
-    assert cable(state) == pytest.approx(here[2], abs=2e-3)
-
-
-def energy(state, frame):
-    quadrotor = 0.5 * frame.mass * state[3:6] @ state[3:6] - frame.mass * G * state[2]
-    load = 0.5 * frame.load * state[16:19] @ state[16:19] - frame.load * G * state[15]
-    return quadrotor + load
-
-
-def test_a_falling_pair_keeps_energy_and_momentum():
-    frame = Airframe(drag=0.0, load_drag=0.0)
-    state = hanging(0.4, 3.0, height=100.0)
-    state[12] = 0.0
-    state[4], state[17] = 1.0, -1.0
-    before, momentum = energy(state, frame), frame.mass * state[3:5] + frame.load * state[16:18]
-    for _ in range(800):
-        move(state, np.zeros(4), CALM, True, frame, STEP)
-    assert energy(state, frame) == pytest.approx(before, rel=1e-4)
-    after = frame.mass * state[3:5] + frame.load * state[16:18]
-    np.testing.assert_allclose(after, momentum, atol=1e-9)
-    assert np.linalg.norm(state[13:16] - state[:3]) == pytest.approx(1.0, abs=2e-3)
+def test_it_is_the_utility_quadrotor_of_the_task():
+    body = fresh()
+    assert body.frame == UTILITY._replace(rotor_low=0.0)
+    assert body.height == 0.0
+    assert body.landed
+    assert body.attached
+    assert body.attitude == pytest.approx(np.zeros((2, 3)))  # nose to the north
 
 
 def test_a_released_load_flies_a_parabola():
-    body = Body(Airframe(load_drag=0.0), np.random.default_rng(0))
-    body.state[:] = hanging(0.5, 2.0, height=20.0)
-    start, speed = body.load[0].copy(), body.load[1].copy()
+    body = fresh()
+    in_air(body, 20.0, (0.5, 0.2))
+    body.craft[LOAD_VELOCITY] = 1.0, -0.5, 0.3
+    start, speed = (value.copy() for value in body.load)
     body.release()
-    for _ in range(400):
-        move(body.state, np.array([0, 0, 0, G]), CALM, body.attached, body.frame, STEP)
+    assert not body.attached
+    pass_time(body, 1.0)
     expected = start + speed * 1.0 + np.array([0, 0, 0.5 * G])
     np.testing.assert_allclose(body.load[0], expected, atol=1e-9)
 
 
-def test_a_load_on_the_ground_stays_there():
-    body = Body(Airframe(), np.random.default_rng(0))
-    body.state[2] = -0.5  # the cable hangs loose
-    body.state[16] = 1.0
-    for _ in range(2000):
-        move(body.state, np.array([0, 0, 0, G]), CALM, True, body.frame, STEP)
+def test_a_load_on_the_ground_stays_there_and_its_cable_hangs_loose():
+    body = fresh()
+    in_air(body, 0.5)
+    body.craft[LOAD], body.craft[LOAD_VELOCITY], body.craft[CABLE] = (0.3, 0, 0), (1, 0, 0), SLACK
+    for _ in range(40):
+        pass_time(body, 0.05)
+        body.craft[POSITION], body.craft[VELOCITY] = (0.0, 0.0, 0.5), 0.0
     assert body.load[0][2] == 0.0
     assert np.linalg.norm(body.load[1]) < 1e-6
+    assert body.craft[CABLE] == SLACK
 
 
-def test_wind_blows_it_along_its_drag():
-    frame = Airframe(drag=0.3)
-    state, rates = hanging(0.0), np.empty(19)
-    derivative(state, np.array([0, 0, 0, G]), np.array([4.0, -2.0, 0.0]), False, frame, rates)
-    np.testing.assert_allclose(rates[3:6], [1.2, -0.6, 0.0], atol=1e-12)
+def test_a_vehicle_that_sinks_lays_its_load_down_and_takes_it_up_again():
+    body, room = fresh(), np.empty((STAGES, SIZE))
+    in_air(body, 1.3)
+    body.craft[VELOCITY] = body.craft[LOAD_VELOCITY] = 0.0, 0.0, -0.5
+    rotors = body.craft[13:17].copy()
+    for up in (False, True):
+        for _ in range(round(1.6 / STEP)):
+            body.craft[VELOCITY] = 0.0, 0.0, 0.5 if up else -0.5
+            move(body.craft, rotors, CALM, body.frame, body.payload, STEP, room)
+            touch(body.craft, body.payload, STEP)
+            body.craft[ATTITUDE], body.craft[RATES] = (1.0, 0.0, 0.0, 0.0), 0.0
+        assert body.craft[CABLE] == (TAUT if up else SLACK)
+        height = -body.load[0][2]
+        assert height == pytest.approx(body.height - 1.0 if up else 0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
-def test_attitude_gives_the_acceleration_asked_for(yaw):
-    gains = Gains(
-        False, (5.0, 5.0), (2.5, 1.0), (10.0, 2.5, 1.5), 9.0, (1.0, 1.0), (2.0, 5.0), (0.5, 1.0),
-        1.0, 0.0, 0.6, 4.0, 3.0,
-    )  # fmt: skip
-    wanted = np.array([1.5, -2.0, -0.7])
-    roll, pitch, thrust = attitude(wanted, yaw, gains, G)
-    got = np.array([0, 0, G]) - thrust * np.array(thrust_direction(roll, pitch, yaw))
-    np.testing.assert_allclose(got, wanted, atol=1e-12)
-    roll, pitch, thrust = attitude(np.array([50.0, 0.0, 0.0]), yaw, gains, G)
-    down = np.array(thrust_direction(roll, pitch, yaw))
-    assert np.arccos(down[2]) == pytest.approx(0.6)
-    assert thrust * down[2] == pytest.approx(G)
+def test_what_falls_comes_to_rest_on_the_ground_level_and_facing_as_it_did():
+    body = fresh()
+    in_air(body, 3.0)
+    body.release()
+    body.craft[ATTITUDE] = math.cos(0.3), 0.0, 0.0, math.sin(0.3)  # 0.6 rad from the east
+    impact = pass_time(body, 1.2, hover=False)
+    assert impact == pytest.approx(math.sqrt(2.0 * G * 3.0), rel=0.05)
+    assert body.craft[POSITION][2] == 0.0
+    assert not body.craft[VELOCITY].any()
+    assert body.attitude[0] == pytest.approx([0.0, 0.0, 0.5 * math.pi - 0.6], abs=1e-6)
+
+
+def test_a_new_load_hangs_below_or_lies_on_the_ground():
+    for height, below, cable in ((5.0, 4.0, TAUT), (0.4, 0.0, SLACK)):
+        body = fresh()
+        in_air(body, height)
+        body.release()
+        pass_time(body, 0.3)
+        place = body.craft[POSITION].copy()
+        body.hang()
+        assert body.craft[CABLE] == cable
+        assert body.craft[LOAD] == pytest.approx([*place[:2], max(place[2] - 1.0, 0.0)])
+        assert -body.load[0][2] == pytest.approx(below, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "angles"),
+    [
+        ((math.sqrt(0.5), 0, 0, math.sqrt(0.5)), (0.0, 0.0, 0.0)),  # nose to the north
+        ((1, 0, 0, 0), (0.0, 0.0, math.pi / 2)),  # to the east
+        ((math.cos(0.1), math.sin(0.1), 0, 0), (0.2, 0.0, math.pi / 2)),  # left side up
+        ((math.cos(0.1), 0, math.sin(0.1), 0), (0.0, -0.2, math.pi / 2)),  # nose down
+    ],
+)
+def test_angles_are_those_of_an_autopilot(quaternion, angles):
+    body = fresh()
+    body.craft[ATTITUDE], body.craft[RATES] = quaternion, (0.1, 0.2, 0.3)
+    assert body.attitude[0] == pytest.approx(angles)
+    assert body.attitude[1] == pytest.approx([0.1, -0.2, -0.3])
+
+
+def test_north_east_down_and_back():
+    vector = np.array([1.0, 2.0, 3.0])
+    assert ned(vector).tolist() == [2.0, 1.0, -3.0]
+    assert ned(ned(vector)).tolist() == vector.tolist()
+
+
+def test_it_leans_for_the_acceleration_asked_for_and_no_further_than_it_may():
+    east, north, lift = lean(np.array([1.5, -2.0, -0.7]), 0.6)
+    assert [north, east, G - lift] == pytest.approx([1.5, -2.0, -0.7])
+    east, north, lift = lean(np.array([50.0, 0.0, 0.0]), 0.6)
+    assert math.atan2(math.hypot(north, east), lift) == pytest.approx(0.6)
+    assert lift == pytest.approx(G)

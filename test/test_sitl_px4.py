@@ -127,7 +127,7 @@ def test_acceleration_with_height(push):
 
     def step(_):
         peer.aim(HEIGHT_AND_PUSH, place=(0, 0, -5), push=(push, 0, 0))
-        speeds.append(peer.body.state[3])
+        speeds.append(peer.body.truth[1][0])
         assert abs(peer.body.height - 5.0) < 0.3
 
     peer.run(2.0, step, 50)
@@ -145,9 +145,9 @@ def test_acceleration_of_nothing_coasts():
 
     peer.run(1.0, push(3))
     peer.run(1.0, push(0))
-    before = peer.body.state[3]
+    before = peer.body.truth[1][0]
     peer.run(5.0, push(0))
-    assert peer.body.state[3] == pytest.approx(before, abs=0.07)
+    assert peer.body.truth[1][0] == pytest.approx(before, abs=0.07)
 
 
 def test_fast_square_waves():
@@ -159,7 +159,7 @@ def test_fast_square_waves():
         nonlocal fastest
         push = 3 if t % 1.0 < 0.5 else -3
         peer.aim(HEIGHT_AND_PUSH, place=(0, 0, -5), push=(push, 0, 0))
-        fastest = max(fastest, abs(peer.body.state[3]))
+        fastest = max(fastest, abs(peer.body.truth[1][0]))
 
     peer.run(6.0, step, 50)
     assert 0.8 < fastest < 1.5
@@ -170,7 +170,7 @@ def test_velocity_setpoint(drag, steady):
     """Row "velocity setpoint 2 m/s": 1.64 with the simulator's drag, 2.13 without."""
     peer = copter(SIM_DRAG=drag)
     peer.run(5.0, stream(peer, (2, 0, 0)))
-    assert peer.body.state[3] == pytest.approx(steady, rel=0.05)
+    assert peer.body.truth[1][0] == pytest.approx(steady, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_manual_control():
         peer.aim(VELOCITY)
 
     peer.run(2.0, both)
-    assert np.linalg.norm(peer.body.state[3:6]) < 0.1
+    assert np.linalg.norm(peer.body.truth[1]) < 0.1
     assert now_in(peer, OFFBOARD_MODE)
     assert peer.until(lambda: now_in(peer, HOLD), 2.0, stream(peer)) <= 0.9
 

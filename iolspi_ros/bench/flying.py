@@ -24,8 +24,8 @@ from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from sim_nodes.autopilot.autopilot import Autopilot
-from sim_nodes.autopilot.dynamics import LOAD, POSITION, VELOCITY
 from sim_nodes.autopilot.firmware import WITH_GRIPPER
+from sim_nodes.quadrotor.body import LOAD, POSITION, VELOCITY
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.tasks.slung_load.pilot import Perform
 
@@ -217,10 +217,8 @@ class Flying:
     def body(self) -> Array:
         """The truth, ENU: position and velocity of the quadrotor, position of the load; (3, 3)."""
         with self.world.lock():
-            state = self.autopilot.body.state.copy()
-        ned = np.array([state[POSITION], state[VELOCITY], state[LOAD]])
-        swapped: Array = ned[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
-        return swapped
+            state = self.autopilot.body.craft.copy()
+        return np.array([state[POSITION], state[VELOCITY], state[LOAD]])
 
     @property
     def speed(self) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 from sim_nodes.autopilot.commander import INFO, WARNING, Commander, Result, spot
 from sim_nodes.autopilot.control import HAS_POSITION, HAS_VELOCITY, Gains, Target
 from sim_nodes.autopilot.firmware import Mode
+from sim_nodes.quadrotor.airframe import G
 
 RECEIVER = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
 """What the simulated receiver says when nobody overrides it [µs]: no throttle, mode 6."""
@@ -78,7 +79,7 @@ class ArduPilot(Commander):
             velocity_scale=1.0,
             lift_error=0.0,
             tilt=tilt,
-            push=0.71 * self.body.frame.g * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
+            push=0.71 * G * math.tan(tilt),  # 4.3 m/s² at 30°, as measured
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
 
@@ -90,7 +91,7 @@ class ArduPilot(Commander):
         with its defaults, whatever more is asked for.
         """
         turning = math.radians(float(self.parameters["ATC_ACCEL_P_MAX"]) / 100.0)
-        snap = turning * self.body.frame.g
+        snap = turning * G
         able = 0.5 * math.sqrt(float(self.parameters["WPNAV_ACCEL"]) / 100.0 * snap)
         return min(float(self.parameters[self._jerk]), able)
 

@@ -21,11 +21,11 @@ from sim_nodes.autopilot.body import Body
 from sim_nodes.autopilot.commander import Commander
 from sim_nodes.autopilot.commands import Inbox
 from sim_nodes.autopilot.connection import Channel, Connection
-from sim_nodes.autopilot.dynamics import Airframe
 from sim_nodes.autopilot.firmware import Firmware
 from sim_nodes.autopilot.parameters import Parameters
 from sim_nodes.autopilot.px4 import Px4
 from sim_nodes.autopilot.release import Release
+from sim_nodes.quadrotor.airframe import UTILITY, Payload
 
 Array = NDArray[np.float64]
 
@@ -80,16 +80,17 @@ class Autopilot:
         value = self.parameters
         value["SIM_CLOCK_JUMP"] = value["SIM_CUT"] = 0.0
         self._channel.cut_until = -1.0
-        frame = Airframe(
-            load=float(value["SIM_LOAD_MASS"]), length=float(value["SIM_LOAD_LEN"]),
-            drag=float(value["SIM_DRAG"]), load_drag=self.firmware.load_drag,
-        )  # fmt: skip
+        drag = float(value["SIM_DRAG"])
+        frame = UTILITY._replace(drag_across=drag, drag_along=drag)
+        payload = Payload(
+            float(value["SIM_LOAD_MASS"]), float(value["SIM_LOAD_LEN"]), self.firmware.load_drag
+        )
         rng = np.random.default_rng([self._seed, 0, self.boots])
         self.boots += 1
         self._ticks, self._jump = 0, 0.0
         self._actions: list[tuple[float, int, Callable[[], None]]] = []
         self._planned = 0
-        self.body = Body(frame, rng)
+        self.body = Body(frame, payload, rng)
         self.commander = _COMMANDERS[self.firmware.name](
             self.firmware, self.parameters, self.body, self.say
         )

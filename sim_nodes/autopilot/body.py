@@ -8,9 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_nodes.autopilot import dynamics
+from sim_nodes.autopilot import ground
 from sim_nodes.autopilot.control import Gains, Target, fly
-from sim_nodes.autopilot.dynamics import LOAD, LOAD_VELOCITY, POSITION, VELOCITY, Airframe
+from sim_nodes.quadrotor.airframe import Airframe, Payload
+from sim_nodes.quadrotor.body import (
+    CABLE,
+    LOAD,
+    LOAD_VELOCITY,
+    POSITION,
+    RATES,
+    VELOCITY,
+)
+from sim_nodes.quadrotor.body import release as let_go
+from sim_nodes.quadrotor.cable import GONE, SLACK, TAUT
+from sim_nodes.quadrotor.control import heading_of
 
 Array = NDArray[np.float64]
 
@@ -20,20 +31,33 @@ _MEMORY = 1.5  # time over which the error of the estimate and the gusts forget 
 _HARD = 2.5  # contact with the ground that breaks things [m/s]
 
 
+def ned(vector: Array) -> Array:
+    """East, north, up as north, east, down, or back."""
+    swapped: Array = vector[[1, 0, 2]] * (1.0, 1.0, -1.0)
+    return swapped
+
+
 class Body:
-    """A quadrotor with its load.
+    """A quadrotor with its load, that of `sim_nodes.quadrotor`, on the ground at zero.
 
     Parameters
     ----------
     frame : Airframe
+    payload : Payload
     rng : numpy.random.Generator
         Draws gusts and errors of the estimate.
+
+    Attributes
+    ----------
+    craft : ndarray of shape (24,)
+        Its whole state, as of `sim_nodes.quadrotor.body`: east, north, up.
     """
 
-    def __init__(self, frame: Airframe, rng: np.random.Generator) -> None:
-        self.frame, self._rng = frame, rng
-        self.state = dynamics.at_rest((0.0, 0.02 * frame.length, 0.0))
-        self.attached, self.broken, self.landed = True, False, True
+    def __init__(self, frame: Airframe, payload: Payload, rng: np.random.Generator) -> None:
+        # Motors that are off do not turn; those of `Airframe` never stop.
+        self.frame, self.payload, self._rng = frame._replace(rotor_low=0.0), payload, rng
+        self.craft = ground.at_rest((0.02 * payload.length, 0.0))
+        self.broken, self.landed = False, True
         self.error = np.zeros((2, 3))
         self._gust, self._integral, self._hover = np.zeros(3), np.zeros(3), np.ones(1)
         self._reference = np.zeros((3, 3))
@@ -41,43 +65,62 @@ class Body:
     # ------------------------------------------------------------ what is so
 
     @property
+    def truth(self) -> Array:
+        """Position [m] and velocity [m/s], NED, as they are; shape (2, 3)."""
+        return np.array([ned(self.craft[POSITION]), ned(self.craft[VELOCITY])])
+
+    @property
     def position(self) -> Array:
         """Where it believes it is [m], NED from where it was switched on."""
-        return self.state[POSITION] + self.error[0]
+        return ned(self.craft[POSITION]) + self.error[0]
 
     @property
     def velocity(self) -> Array:
         """How fast it believes it is [m/s], NED."""
-        return self.state[VELOCITY] + self.error[1]
+        return ned(self.craft[VELOCITY]) + self.error[1]
 
     @property
     def attitude(self) -> Array:
         """Roll, pitch, yaw [rad], and their rates [rad/s], shape (2, 3)."""
-        return self.state[6:12].reshape(2, 3)
+        w, x, y, z = self.craft[6:10].tolist()
+        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        pitch = -math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+        yaw = math.remainder(0.5 * math.pi - heading_of(self.craft), 2.0 * math.pi)
+        return np.array([(roll, pitch, yaw), self.craft[RATES] * (1.0, -1.0, -1.0)])
+
+    @property
+    def push(self) -> float:
+        """Thrust of the rotors over the quadrotor's mass [m/s²]."""
+        return ground.push(self.craft, self.frame)
+
+    @property
+    def attached(self) -> bool:
+        """Whether a load hangs on the cable."""
+        return bool(self.craft[CABLE] != GONE)
 
     @property
     def load(self) -> tuple[Array, Array]:
         """Position [m] and velocity [m/s] of the load, NED."""
-        return self.state[LOAD], self.state[LOAD_VELOCITY]
+        return ned(self.craft[LOAD]), ned(self.craft[LOAD_VELOCITY])
 
     @property
     def height(self) -> float:
         """Over the ground [m]."""
-        return -float(self.state[2])
+        return float(self.craft[2])
 
     # ------------------------------------------------------------ what it does
 
     def release(self) -> None:
         """Let the load go."""
-        self.attached = False
+        let_go(self.craft)
 
     def hang(self) -> None:
         """Hang a new load on the cable, at rest below the vehicle: as a ground crew would."""
         if not self.attached:
-            self.attached = True
-            self.state[LOAD] = self.state[POSITION]
-            self.state[LOAD][2] = min(0.0, self.state[2] + self.frame.length)
-            self.state[LOAD_VELOCITY] = self.state[VELOCITY]
+            below = self.height - self.payload.length
+            self.craft[LOAD], self.craft[CABLE] = self.craft[POSITION], TAUT if below > 0 else SLACK
+            self.craft[LOAD][2] = max(0.0, below)
+            self.craft[LOAD_VELOCITY] = self.craft[VELOCITY]
 
     def begin(self, stop: bool = False) -> None:
         """Steer from where it is now on: another way of steering begins.
@@ -118,12 +161,12 @@ class Body:
             self._hover[0] = 1.0
         air = wind[:3] + self._gust
         impact = fly(
-            self.state, self._reference, self._integral, self._hover, target.use, target.values,
-            target.yaw, target.yaw_rate, self.error, air, flying, level, self.attached, gains,
-            self.frame, STEP, round(dt / STEP),
+            self.craft, self._reference, self._integral, self._hover, target.use, target.values,
+            target.yaw, target.yaw_rate, self.error, ned(air), flying, level, gains, self.frame,
+            self.payload, STEP, round(dt / STEP),
         )  # fmt: skip
         self.broken = self.broken or impact > _HARD
-        self.landed = self.state[2] >= 0.0
+        self.landed = self.height <= 0.0
 
     def believe(self, deviation: Array, drift: Array, dt: float) -> None:
         """Let the estimate err.

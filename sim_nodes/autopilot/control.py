@@ -1,8 +1,9 @@
-"""From a target (position, velocity, acceleration) to attitude and thrust: pure functions.
+"""From a target (position, velocity, acceleration) to the rotors: pure functions.
 
 Two ways to follow a target, as the autopilots have them: `shaped` lets a reference move under
 limits of acceleration and jerk and steers the vehicle along it (ArduCopter); the other way a
-velocity wanted gives an acceleration in proportion to its error (PX4).
+velocity wanted gives an acceleration in proportion to its error (PX4). Targets are north, east,
+down; below them is the quadrotor's own attitude loop and mixer, in its frame: east, north, up.
 """
 
 from __future__ import annotations
@@ -14,7 +15,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim_nodes.autopilot.dynamics import PITCH, ROLL, THRUST, YAW, Airframe, move, thrust_direction
+from sim_nodes.autopilot.ground import push, touch
+from sim_nodes.quadrotor.airframe import Airframe, G, Payload
+from sim_nodes.quadrotor.body import SIZE, STAGES, move
+from sim_nodes.quadrotor.control import Gains as InnerGains
+from sim_nodes.quadrotor.control import attitude, clip, heading_of, mix
 
 Array = NDArray[np.float64]
 
@@ -23,6 +28,9 @@ HAS_POSITION, HAS_VELOCITY, HAS_ACCELERATION = 1, 2, 4
 
 HOVER_TIME = 1.0
 """In which the thrust of hovering is learned [s]."""
+
+INNER = InnerGains(attitude=144.0, rate=21.6, heading_rate=10.0)
+"""Of attitude and rates: an angle follows in about 0.1 s."""
 
 
 class Gains(NamedTuple):
@@ -61,12 +69,6 @@ def root_control(error: float, p: float, limit: float) -> float:
     if error < -near:
         return -math.sqrt(2.0 * limit * (-error - 0.5 * near))
     return error * p
-
-
-@njit(cache=True)
-def clip(value: float, low: float, high: float) -> float:
-    """Keep a value between two limits."""
-    return min(max(value, low), high)
 
 
 @njit(cache=True)
@@ -128,36 +130,31 @@ def follow(
 
 
 @njit(cache=True)
-def attitude(wanted: Array, yaw: float, gains: Gains, g: float) -> tuple[float, float, float]:
-    """Roll, pitch [rad] and thrust over mass [m/s^2] that give an acceleration."""
-    north, east, lift = -wanted[0], -wanted[1], max(g - wanted[2], 0.2 * g)
-    level = math.hypot(north, east)
-    most = lift * math.tan(gains.tilt)
+def lean(wanted: Array, tilt: float) -> tuple[float, float, float]:
+    """Thrust over mass (east, north, up) [m/s^2] that gives an acceleration (north, east, down)."""
+    north, east, lift = wanted[0], wanted[1], max(G - wanted[2], 0.2 * G)
+    level, most = math.hypot(north, east), lift * math.tan(tilt)
     if level > most:
         north, east = north * most / level, east * most / level
-    ahead = math.cos(yaw) * north + math.sin(yaw) * east
-    right = -math.sin(yaw) * north + math.cos(yaw) * east
-    thrust = math.sqrt(ahead * ahead + right * right + lift * lift)
-    return math.asin(-right / thrust), math.atan2(ahead, lift), thrust
+    return east, north, lift
 
 
 @njit(cache=True)
-def learn_hover(hover: Array, state: Array, sinks: float, g: float, dt: float) -> None:
+def learn_hover(hover: Array, lift: float, sinks: float, dt: float) -> None:
     """What the thrust does not turn into acceleration is the weight of the load.
 
     Parameters
     ----------
     hover : ndarray of shape (1,)
         Changed in place.
-    state : ndarray of shape (19,)
+    lift : float
+        Of the thrust, upwards, over mass [m/s^2].
     sinks : float
         Acceleration downwards [m/s^2].
-    g, dt : float
+    dt : float
     """
-    _, _, down = thrust_direction(state[ROLL], state[PITCH], state[YAW])
-    lift = g - sinks
-    if lift > 0.3 * g:
-        ratio = clip(state[THRUST] * down / lift, 0.8, 2.0)
+    if G - sinks > 0.3 * G:
+        ratio = clip(lift / (G - sinks), 0.8, 2.0)
         hover[0] += (ratio - hover[0]) * dt / HOVER_TIME
 
 
@@ -165,14 +162,15 @@ def learn_hover(hover: Array, state: Array, sinks: float, g: float, dt: float) -
 def fly(
     state: Array, reference: Array, integral: Array, hover: Array,
     use: NDArray[np.int64], values: Array, yaw: float, yaw_rate: float,
-    error: Array, wind: Array, motors: bool, level: bool, attached: bool,
-    gains: Gains, frame: Airframe, dt: float, steps: int,
+    error: Array, wind: Array, motors: bool, level: bool,
+    gains: Gains, frame: Airframe, payload: Payload, dt: float, steps: int,
 ) -> float:  # fmt: skip
     """Steer and move for some steps, in place.
 
     Parameters
     ----------
-    state : ndarray of shape (19,)
+    state : ndarray of shape (24,)
+        Of the quadrotor: east, north, up.
     reference : ndarray of shape (3, 3)
         Position, velocity, acceleration that a shaped vehicle steers along.
     integral : ndarray of shape (3,)
@@ -182,6 +180,8 @@ def fly(
         A `Target`.
     error : ndarray of shape (2, 3)
         What the estimate of position and velocity is off by.
+    wind : ndarray of shape (3,)
+        Velocity of the air: east, north, up [m/s].
     motors : bool
         Whether they turn.
     level : bool
@@ -192,24 +192,28 @@ def fly(
     float
         Fastest contact with the ground [m/s].
     """
-    command, wanted, impact = np.zeros(4), np.zeros(3), 0.0
+    command, wanted, impact, room = np.zeros(4), np.zeros(3), 0.0, np.empty((STAGES, SIZE))
     for _ in range(steps):
         if motors:
-            position, velocity = state[:3] + error[0], state[3:6] + error[1]
+            position = np.array([state[1], state[0], -state[2]]) + error[0]
+            velocity = np.array([state[4], state[3], -state[5]]) + error[1]
             for axis in range(3):
                 wanted[axis] = follow(
                     axis, use[axis], values, reference, integral, position, velocity, gains, dt
                 )  # fmt: skip
             if level:
                 wanted[:2] = 0.0
-            roll, pitch, thrust = attitude(wanted, state[YAW], gains, frame.g)
-            turn = yaw_rate
+            nose, turn = heading_of(state), -yaw_rate
             if not math.isnan(yaw):
-                turn = 2.0 * ((yaw - state[YAW] + math.pi) % (2.0 * math.pi) - math.pi)
+                turn = 2.0 * ((0.5 * math.pi - yaw - nose + math.pi) % (2.0 * math.pi) - math.pi)
             turn = clip(turn, -gains.yaw_rate, gains.yaw_rate)
-            command[:] = roll, pitch, turn, min(thrust * hover[0], 2.5 * frame.g)
+            tilt = gains.tilt if state[2] > 0.0 else 0.0  # nobody leans while he stands
+            thrust, moments = attitude(state, lean(wanted, tilt), nose, turn, INNER, frame)
+            mix(min(thrust * hover[0], 2.5 * G * frame.mass), moments, frame, command)
         before = state[5]
-        impact = max(impact, move(state, command, wind, attached, frame, dt))
-        if motors and state[2] < -0.1:
-            learn_hover(hover, state, (state[5] - before) / dt, frame.g, dt)
+        move(state, command, wind, frame, payload, dt, room)
+        impact = max(impact, touch(state, payload, dt))
+        if motors and state[2] > 0.1:
+            upright = 1.0 - 2.0 * (state[7] ** 2 + state[8] ** 2)
+            learn_hover(hover, push(state, frame) * upright, (before - state[5]) / dt, dt)
     return impact

@@ -8,6 +8,7 @@ from typing import Any
 from sim_nodes.autopilot.commander import CRITICAL, WARNING, Commander, Result
 from sim_nodes.autopilot.control import Gains, Target
 from sim_nodes.autopilot.firmware import Mode
+from sim_nodes.quadrotor.airframe import G
 
 _FLAP = 0.5  # a stream slower than the time-out by more than this is none [s]
 _FRESH = 5.0  # after so long a silence a setpoint begins a stream anew [s]
@@ -85,7 +86,7 @@ class Px4(Commander):
             velocity_scale=1.0,
             lift_error=0.085,  # 1 m lost in 6.5 s, as measured
             tilt=tilt,
-            push=self.body.frame.g * math.tan(tilt),
+            push=G * math.tan(tilt),
             yaw_rate=math.radians(200.0),
         )  # fmt: skip
 

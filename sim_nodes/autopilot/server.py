@@ -89,7 +89,7 @@ class Sitl:
 
     Its clock goes `SIM_SPEEDUP` times as fast as the machine's (0 stands still), and slower where
     the machine cannot. `lock` is held while it works: take it to look at `autopilot`, whose
-    `body.state` is the truth.
+    `body.truth` is the truth.
 
     Parameters
     ----------

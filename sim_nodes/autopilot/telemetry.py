@@ -145,7 +145,7 @@ def _gps(a: State) -> Any:
 
 
 def _servos(a: State) -> Any:
-    spinning = 1100 + round(50.0 * float(a.body.state[12])) if a.commander.armed else 1000
+    spinning = 1100 + round(50.0 * a.body.push) if a.commander.armed else 1000
     return mavlink.MAVLink_servo_output_raw_message(
         a.microseconds % 2**32, 0, *[min(spinning, 2000)] * 4, *a.release.servos
     )
@@ -154,7 +154,7 @@ def _servos(a: State) -> Any:
 def _hud(a: State) -> Any:
     speed = float(np.hypot(*a.body.velocity[:2]))
     down, climb = float(a.body.position[2]), -float(a.body.velocity[2])
-    thrust = min(100, round(2.5 * float(a.body.state[12])))
+    thrust = min(100, round(2.5 * a.body.push))
     return mavlink.MAVLink_vfr_hud_message(
         speed, speed, _heading(a) // 100, thrust, HOME[2] - down, climb
     )

@@ -109,11 +109,11 @@ def steer(
     ahead, left = ahead * lift / G, left * lift / G
     if sticks[3] != 0.0:
         memory[1] = nose
-    thrust, moments = _attitude(
+    thrust, moments = attitude(
         state, (cosine * ahead - sine * left, sine * ahead + cosine * left, lift), memory[1],
         sticks[3], gains, frame,
     )  # fmt: skip
-    _mix(thrust, moments, frame, command)
+    mix(thrust, moments, frame, command)
 
 
 @njit(cache=True)
@@ -132,7 +132,7 @@ def _climb(state: Array, memory: Array, stick: float, gains: Gains, dt: float) -
 
 
 @njit(cache=True)
-def _attitude(
+def attitude(
     state: Array, push: tuple[float, float, float], heading: float, turn: float, gains: Gains,
     frame: Airframe,
 ) -> tuple[float, tuple[float, float, float]]:  # fmt: skip
@@ -167,7 +167,7 @@ def _attitude(
 
 
 @njit(cache=True)
-def _mix(
+def mix(
     thrust: float, moments: tuple[float, float, float], frame: Airframe, command: Array
 ) -> None:
     """Share thrust and moments among the rotors; where they cannot all be had, the turn goes."""
