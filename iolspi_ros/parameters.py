@@ -66,6 +66,8 @@ def declare(node: GivenNode, cls: type[Chosen], changeable: tuple[str, ...] = ()
     """
     hints = typing.get_type_hints(cls)
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+        if node.has_parameter(field.name):
+            continue  # of another class: one number for both
         descriptor = _descriptor(field, hints[field.name], field.name not in changeable)
         default = list(field.default) if isinstance(field.default, tuple) else field.default
         if default == []:  # of which nobody could tell the type

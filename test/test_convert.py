@@ -57,6 +57,21 @@ def test_a_place_on_the_globe_is_metres_here():
     assert east == pytest.approx(111.195 * 0.5, rel=5e-3)  # cos 60° is a half
 
 
+@pytest.mark.parametrize(
+    ("roll", "pitch", "yaw", "up"),
+    [
+        (0.0, 0.0, 1.2, (0.0, 0.0, 1.0)),
+        (0.0, -0.3, 0.0, (0.0, math.sin(0.3), math.cos(0.3))),  # nose down, to the north
+        (0.0, -0.3, math.pi / 2, (math.sin(0.3), 0.0, math.cos(0.3))),  # to the east
+        (0.3, 0.0, 0.0, (math.sin(0.3), 0.0, math.cos(0.3))),  # right side down: to the east
+        (0.3, 0.0, math.pi, (-math.sin(0.3), 0.0, math.cos(0.3))),
+    ],
+)
+def test_who_leans_pushes_that_way(roll, pitch, yaw, up):
+    message = dialect.MAVLink_attitude_message(0, roll, pitch, yaw, 0, 0, 0)
+    assert convert.upwards(message) == pytest.approx(up, abs=1e-9)
+
+
 def test_tilt():
     def at(roll, pitch):
         return convert.tilt(dialect.MAVLink_attitude_message(0, roll, pitch, 1.0, 0, 0, 0))

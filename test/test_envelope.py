@@ -1,12 +1,14 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motions import moved, moving
 
 from iolspi_ros.errors import InputError
-from msg_bridge.mavlink.envelope import Limits, Motion, limit, starts, violation, widened
+from msg_bridge.mavlink.envelope import Limits, limit, starts, violation, widened
 
 LIMITS = Limits(braking=2.0)
 DT = 0.02
@@ -16,7 +18,7 @@ def fly(wanted, x, limits=LIMITS, lag=0.15, seconds=20.0):
     """Somebody's accelerations on a vehicle with a lag, and a load (T Eq. 18): motions."""
     speed = acceleration = before = angle = rate = 0.0
     for k in range(round(seconds / DT)):
-        motion = Motion(x=x, speed=speed, height=5.0, swing=angle, swing_rate=rate)
+        motion = moving(x=x, speed=speed, height=5.0, swing=angle, swing_rate=rate)
         yield motion, before
         before = limit(limits, wanted(k * DT, motion), motion, before, DT).acceleration
         acceleration += (before - acceleration) * DT / lag
@@ -49,7 +51,10 @@ def test_full_acceleration_to_one_side_ends_at_the_box_at_rest(direction):
 def test_pumping_the_load_never_swings_it_beyond_its_angle():
     """Who accelerates against its motion adds most energy to it."""
     wide = Limits(box=(-1e4, 1e4), speed=50.0)
-    angles = [m.swing for m, _ in fly(lambda t, m: -3.0 * np.sign(m.swing_rate or 1.0), 0.0, wide)]
+    angles = [
+        m.swing
+        for m, _ in fly(lambda t, m: -3.0 * np.sign(m.plane(0).swing_rate or 1.0), 0.0, wide)
+    ]
     assert 0.6 * wide.swing < max(np.abs(angles)) < wide.swing
 
 
@@ -64,7 +69,7 @@ def flown(motion, wanted, limits=FAST):
 @given(st.floats(-6.0, 2.7), st.floats(-5.0, 5.0), st.sampled_from([-3.0, 3.0]))
 def test_after_the_response_braking_still_ends_in_the_box(x, speed, wanted):
     """By the bound's own definition: fly it for the response time, then brake."""
-    limited = flown(Motion(x=x, speed=speed), wanted)
+    limited = flown(moving(x=x, speed=speed), wanted)
     if limited.reasons != ("box",) or abs(limited.acceleration) > 2.999:
         return
     tau, side = FAST.response, math.copysign(1.0, wanted)
@@ -84,7 +89,7 @@ def test_towards_the_wall_it_brakes_the_sooner_the_slower_it_responds(side, resp
     """At 1.4 m/s with 1 m of room: v τ + a τ²/2 + (v + a τ)²/(2 b) = 1."""
     limits = Limits(jerk=1e4, response=response, box=(-5.0, 5.0), braking=2.0)
     x, v, b = side * (5.0 - 0.3 - 1.0), 1.4, limits.braking
-    a = flown(Motion(x=x, speed=side * v), side * 3.0, limits).acceleration * side
+    a = flown(moving(x=x, speed=side * v), side * 3.0, limits).acceleration * side
     roots = np.roots([response**2 / (2 * b), 0.5 * response**2 + response * v / b,
                       response * v + v**2 / (2 * b) - 1.0])  # fmt: skip
     assert a == pytest.approx(max(roots), abs=1e-9)
@@ -98,7 +103,7 @@ def test_held_then_braked_late_it_stands_before_the_wall(x, speed, wanted, held,
     """By small steps: the acceleration is held, then nothing for a while, then it brakes."""
     limits = Limits(jerk=1e4, held=held, leaning=late, braking=braking)
     side = math.copysign(1.0, wanted)
-    limited = flown(Motion(x=x, speed=speed), wanted, limits)
+    limited = flown(moving(x=x, speed=speed), wanted, limits)
     if side * limited.acceleration < -2.999:
         return  # too late already: as much as there is
     place, v, h = x, speed, 1e-3
@@ -117,7 +122,7 @@ def test_held_then_braked_late_it_stands_before_the_wall(x, speed, wanted, held,
 @pytest.mark.parametrize("response", [0.2, 0.4])
 def test_the_speed_after_the_response_is_the_limit(side, response):
     limits = Limits(jerk=1e4, response=response, speed=2.0, box=(-1e4, 1e4))
-    limited = flown(Motion(speed=side * 1.8), side * 3.0, limits)
+    limited = flown(moving(speed=side * 1.8), side * 3.0, limits)
     assert limited.reasons == ("speed",)
     assert side * 1.8 + limited.acceleration * response == pytest.approx(side * 2.0)
 
@@ -128,7 +133,7 @@ def test_the_energy_after_the_response_is_that_of_the_limit(rate, response):
     """Of the swing, linearly: the load's energy grows with -a ω cos θ / L."""
     limits = Limits(jerk=1e4, response=response, box=(-1e4, 1e4), cable=1.5)
     angle = 0.6
-    limited = flown(Motion(swing=angle, swing_rate=rate), -3.0 * np.sign(rate), limits)
+    limited = flown(moving(swing=angle, swing_rate=rate), -3.0 * np.sign(rate), limits)
     assert limited.reasons == ("swing",)
     pull = 9.81 / limits.cable
     energy = 0.5 * rate**2 + pull * (1.0 - math.cos(angle))
@@ -138,29 +143,29 @@ def test_the_energy_after_the_response_is_that_of_the_limit(rate, response):
 
 
 def test_the_jerk_is_limited_from_the_setpoint_before():
-    assert limit(LIMITS, 3.0, Motion(x=-3.0), -1.0, DT) == (-1.0 + 80.0 * DT, ("jerk",))
+    assert limit(LIMITS, 3.0, moving(x=-3.0), -1.0, DT) == (-1.0 + 80.0 * DT, ("jerk",))
 
 
 @pytest.mark.parametrize("wanted", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_counts_as_no_acceleration(wanted):
-    limited = limit(LIMITS, wanted, Motion(), 0.0, DT)
+    limited = limit(LIMITS, wanted, moving(), 0.0, DT)
     assert limited == (0.0, ("not finite",))
 
 
 def test_inside_nothing_is_changed():
-    assert limit(LIMITS, 3.0, Motion(x=-3.0), 2.5, DT) == (3.0, ())
+    assert limit(LIMITS, 3.0, moving(x=-3.0), 2.5, DT) == (3.0, ())
 
 
 @pytest.mark.parametrize(
     ("motion", "word"),
     [
-        (Motion(x=9.0, height=5.0), "x is"),
-        (Motion(across=-2.5, height=5.0), "distance from the track"),
-        (Motion(height=1.0), "height"),
-        (Motion(speed=-8.0, height=5.0), "speed"),
-        (Motion(tilt=0.9, height=5.0), "tilt"),
-        (Motion(swing=-1.5, height=5.0), "swing"),
-        (Motion(x=math.nan, height=5.0), "x is nan"),
+        (moving(x=9.0, height=5.0), "x is"),
+        (moving(across=-2.5, height=5.0), "distance from the track"),
+        (moving(height=1.0), "height"),
+        (moving(speed=-8.0, height=5.0), "speed"),
+        (moving(tilt=0.9, height=5.0), "tilt"),
+        (moving(swing=-1.5, height=5.0), "swing"),
+        (moving(x=math.nan, height=5.0), "x is nan"),
     ],
 )
 def test_a_violation_is_named(motion, word):
@@ -176,14 +181,17 @@ def test_a_violation_is_named(motion, word):
     ],
 )  # fmt: skip
 def test_where_the_envelope_ends(name, edge, outwards):
-    inside = Motion(height=5.0)
-    assert not violation(LIMITS, inside._replace(**{name: edge - 0.01 * outwards}))
-    assert violation(LIMITS, inside._replace(**{name: edge + 0.01 * outwards}))
+    inside = moving(height=5.0)
+    assert not violation(LIMITS, moved(inside, **{name: edge - 0.01 * outwards}))
+    assert violation(LIMITS, moved(inside, **{name: edge + 0.01 * outwards}))
 
 
-def test_a_box_has_its_least_end_first():
+@pytest.mark.parametrize(
+    "box", [(3.0, -3.0), (-3.0, 3.0, 2.0, -2.0), (-3.0, 3.0, -3.0), (), (math.nan, 1.0)]
+)
+def test_a_box_has_its_least_ends_first(box):
     with pytest.raises(InputError, match="the least first"):
-        Limits(box=(3.0, -3.0))
+        Limits(box=box)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +202,7 @@ def test_the_margin_to_the_walls_grows_with_the_noise_of_the_position(noise, mar
     assert limits.margin == pytest.approx(margin)
     low, high = starts(limits)
     for x in (low, high):  # who is at rest there is left alone
-        assert limit(limits, 0.0, Motion(x=x), 0.0, DT) == (0.0, ())
+        assert limit(limits, 0.0, moving(x=x), 0.0, DT) == (0.0, ())
     assert low - limits.box[0] == pytest.approx(limits.box[1] - high)
     assert 0.0 < low - limits.box[0] - margin < 0.2
 
@@ -209,3 +217,75 @@ def test_it_comes_to_rest_by_the_margin_further_from_the_wall(side):
     last = list(fly(lambda t, _: side * 3.0, -2.0, limits, seconds=30.0))[-1][0]
     end = limits.box[1] if side > 0.0 else limits.box[0]
     assert 0.9 <= side * (end - last.x) + 0.05 < 2.1
+
+
+# ------------------------------------------------------------ two axes
+
+HALL = Limits(box=(-5.0, 5.0, -4.0, 4.0), heights=(1.2, 5.8), braking=2.0)
+
+
+def fly_about(wanted, place, limits=HALL, lag=0.15, seconds=20.0):
+    """Somebody's accelerations along both axes, with a load on a sphere: motions."""
+    place, velocity, pushes = np.array(place), np.zeros(2), np.zeros(2)
+    before, u, w = np.zeros(2), np.array([0.0, 0.0, -1.0]), np.zeros(3)
+    for k in range(round(seconds / DT)):
+        motion = moving(
+            x=place[0], speed=velocity[0], across=place[1], drift=velocity[1], height=2.8,
+            cable=tuple(u), cable_rate=tuple(w),
+        )  # fmt: skip
+        yield motion, before
+        asked = wanted(k * DT, motion)
+        before = np.array(
+            [limit(limits, asked[i], motion, before[i], DT, i).acceleration for i in (0, 1)]
+        )
+        pushes += (before - pushes) * DT / lag
+        velocity = velocity + pushes * DT
+        place = place + velocity * DT
+        pull = np.array([*pushes, 9.81])
+        w = w + DT * ((pull @ u) * u - pull - (w @ w) * limits.cable * u) / limits.cable
+        u = (u + w * DT) / np.linalg.norm(u + w * DT)
+        w = w - (w @ u) * u
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.lists(st.tuples(*[st.sampled_from([-3.0, 0.0, 3.0])] * 2), min_size=100, max_size=100),
+    st.floats(-4.0, 4.0), st.floats(-3.0, 3.0),
+)  # fmt: skip
+def test_whoever_acts_along_both_the_vehicle_stays_in_the_box(actions, x, y):
+    for motion, push in fly_about(lambda t, _: actions[int(t / 0.2) % 100], (x, y)):
+        assert violation(HALL, motion) == ""
+        for place, (low, high) in zip(motion.place, HALL.sides, strict=False):
+            assert low <= place <= high
+        assert (np.abs(push) <= HALL.acceleration).all()
+
+
+def test_pumping_along_both_never_swings_the_load_beyond_its_angle():
+    wide = Limits(box=(-1e4, 1e4) * 2, speed=50.0)
+
+    def against(t, m):
+        return -3.0 * np.sign(np.array(m.cable_rate[:2]) + 1e-9)
+
+    swings = [m.swing for m, _ in fly_about(against, (0.0, 0.0), wide)]
+    assert 0.6 * wide.swing < max(swings) < wide.swing
+
+
+def test_each_axis_is_limited_by_its_own_side():
+    near = moving(x=0.0, across=3.5, drift=2.0)
+    assert limit(HALL, 3.0, near, 3.0, DT, 0).acceleration == pytest.approx(3.0)
+    braked = limit(replace(HALL, jerk=1e4), 3.0, near, 3.0, DT, 1)
+    assert braked.acceleration == -3.0
+    assert "box" in braked.reasons
+    assert starts(HALL, 1) == (pytest.approx(-3.6), pytest.approx(3.6))
+
+
+@pytest.mark.parametrize(
+    ("where", "word"),
+    [({"across": 4.4}, "y is 4.40 m"), ({"drift": -7.0}, "speed in y"), ({"x": -5.4}, "x is"),
+     ({"cable": (0.7, 0.71, -0.08)}, "swing is 1.49")],
+)  # fmt: skip
+def test_beyond_the_box_it_is_named_which_side(where, word):
+    inside = moving(height=2.8)
+    assert violation(HALL, inside) == ""
+    assert violation(HALL, inside._replace(across=3.0)) == ""  # no corridor
+    assert word in violation(HALL, inside._replace(**where))

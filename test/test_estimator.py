@@ -5,10 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from motions import moved, swung
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from msg_bridge.mavlink.convert import Track
 from msg_bridge.mavlink.estimator import StateEstimator
+from msg_bridge.mavlink.flown import flown
 from msg_bridge.mavlink.payload import Payload, PayloadReport
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import ARDUPILOT
@@ -17,7 +19,7 @@ from msg_bridge.mavlink.status import StatusReporter
 from msg_bridge.mavlink.telemetry import Telemetry
 from sim_nodes.tasks.slung_load import DUNK, MISS, SlungLoad
 
-TASK = SlungLoad()
+TASK = flown(SlungLoad(), FlightSettings())
 
 
 class Heard:
@@ -67,6 +69,13 @@ class Heard:
         return self
 
 
+def swing(heard, angle, rate):
+    """Let the load be thought to swing."""
+    fields = swung(angle, rate)
+    heard.estimator.load.direction = np.array(fields["cable"])
+    heard.estimator.load.rate = np.array(fields["cable_rate"])
+
+
 # ------------------------------------------------------------ the vehicle
 
 
@@ -113,9 +122,11 @@ def test_a_load_on_its_cable_is_heard_of_or_old():
 def test_the_swing_is_carried_on_to_now():
     heard = Heard(feed=False)
     heard.flying()
-    heard.estimator.load.angle, heard.estimator.load.rate = 0.3, 2.0
+    swing(heard, 0.3, 2.0)
     now = heard.estimator.motion(1.1)
-    assert now.swing == pytest.approx(0.3 + 0.2 - 0.5 * 9.81 * math.sin(0.4) * 0.01, abs=0.01)
+    assert now.plane(0).swing == pytest.approx(
+        0.3 + 0.2 - 0.5 * 9.81 * math.sin(0.4) * 0.01, abs=0.01
+    )
 
 
 def fall(heard, speed, height=5.0, drop=0.0):
@@ -147,8 +158,7 @@ def test_a_load_is_judged_where_it_crosses_the_rim(x, reward):
     heard = Heard().flying(x=x)
     offset = math.sin(math.pi / 3)
     heard.load(1.0, x, 4.5)
-    heard.estimator.load.angle = heard.estimator.load.rate = 0.0
-    motion = heard.estimator.motion(1.0)._replace(swing=math.pi / 3, x=x - offset)
+    motion = moved(heard.estimator.motion(1.0), swing=math.pi / 3, x=x - offset)
     heard.payload.release(motion, 1.0)
     heard.ack(1.0)
     plane = heard.estimator.fall.plane
@@ -166,7 +176,7 @@ def test_a_load_is_judged_where_it_crosses_the_rim(x, reward):
             break
         assert height > plane - 0.6  # seen once it is off the cable
     assert report.reward == reward
-    assert heard.estimator.fall.landing == pytest.approx(x, abs=1e-6)
+    assert heard.estimator.fall.landing[0] == pytest.approx(x, abs=1e-6)
 
 
 def test_vehicle_and_load_are_of_one_moment():
@@ -175,9 +185,9 @@ def test_vehicle_and_load_are_of_one_moment():
     heard.payload.release(heard.estimator.motion(1.0), 1.0)
     heard.vehicle(1.10, 0.5, 5.0, 5.0)
     seen = []
-    heard.estimator.fall.see = lambda x, height: seen.append((x, height))
+    heard.estimator.fall.see = lambda place: seen.append(place.tolist())
     heard.load(1.14, 0.4, 3.0)
-    assert seen == [(pytest.approx(0.4, abs=1e-6), pytest.approx(3.0, abs=1e-6))]
+    assert seen == [pytest.approx([0.4, 0.0, 3.0], abs=1e-6)]
 
 
 def test_while_it_falls_nothing_moves_the_swing():
@@ -185,7 +195,7 @@ def test_while_it_falls_nothing_moves_the_swing():
     heard.payload.release(heard.estimator.motion(1.0), 1.0)
     for k in range(1, 10):
         heard.vehicle(1.0 + 0.02 * k, 0.0, 5.0, 0.06 * k)
-    assert heard.estimator.load.rate == 0.0
+    assert not heard.estimator.load.rate.any()
 
 
 # ------------------------------------------------------------ the gripper
@@ -225,7 +235,7 @@ def test_a_yes_after_which_the_load_stays_is_a_failure_after_two_seconds():
 def test_without_a_feed_the_answer_is_believed_and_the_parabola_judged():
     for result, found in ((0, True), (5, True), (4, False)):
         heard = Heard(feed=False).flying(x=0.0)
-        motion = heard.estimator.motion(1.0)._replace(swing=1.0, x=-0.8)
+        motion = moved(heard.estimator.motion(1.0), swing=1.0, x=-0.8)
         heard.payload.release(motion, 1.0)
         assert heard.payload.report(Phase.RELEASE, 1.02) == PayloadReport(gone=True)
         heard.ack(1.05, result)
@@ -254,7 +264,7 @@ def test_a_gripper_that_is_asked_again_while_at_it_is_no_refusal():
 def test_a_new_load_is_one_that_was_seen_after_the_gripper_was_shut():
     heard = Heard().flying()
     heard.payload.release(heard.estimator.motion(1.0), 1.0)
-    heard.estimator.load.angle, heard.estimator.load.rate = 0.4, 1.0
+    swing(heard, 0.4, 1.0)
     heard.payload.reload(2.0)
     for t in np.arange(2.02, 2.5, 0.02):
         assert not heard.payload.report(Phase.RELOAD, t).reloaded
@@ -267,7 +277,8 @@ def test_a_new_load_is_one_that_was_seen_after_the_gripper_was_shut():
     heard.load(2.54, 0.0, 4.0)
     assert heard.payload.report(Phase.RELOAD, 2.54).reloaded
     assert not heard.payload.report(Phase.BRAKE, 2.56).gone
-    assert (heard.estimator.load.angle, heard.estimator.load.rate) == (0.0, 0.0)
+    assert heard.estimator.load.direction.tolist() == [0.0, 0.0, -1.0]
+    assert not heard.estimator.load.rate.any()
 
 
 def test_a_load_seen_just_after_the_gripper_was_shut_may_be_the_old_one():

@@ -12,6 +12,7 @@ from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.phases import Phase
 from sim_nodes.tasks.slung_load import CABLE, DUNK, RELEASE, WALL
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 
 
 # PX4's estimate strays by 0.12 m and 0.17 m/s: 30 of 40 dunk, and 35 of 40 if it did not.
@@ -115,6 +116,65 @@ def test_without_a_feed_the_swing_is_estimated(tmp_path):
         f.act = look
         f.episodes(3)
     assert np.sqrt(np.mean(np.square(errors))) < 0.15
+
+
+# ------------------------------------------------------------ in two axes
+
+
+def offsets(f):
+    """What is seen less the truth: places [m], speeds [m/s], sines of the swing; as it flies."""
+    off, act = [], f.act
+
+    def look(seen):
+        position, velocity, load = f.body()
+        cable = (load - position) / np.linalg.norm(load - position)
+        sines = np.sin(seen.state[[6, 8]])
+        off.append((seen.state[:6:2] - position, seen.state[1:6:2] - velocity, sines - cable[:2]))
+        return act(seen)
+
+    f.act = look
+    return off
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_in_the_hall_it_flies_both_axes_from_take_off_to_landing(tmp_path, like):
+    with Flying(tmp_path, like, task=SlungLoad3D(), episodes=3, seed=1) as f:
+        off = offsets(f)
+        f.until(lambda: f.flight.phase is Phase.DOWN, 400.0)
+        assert len(f.ends) == 3
+        assert sum(seen.reward == DUNK for seen in f.ends) >= 2
+        assert f.flight.violations == 0
+        assert not f.broken
+        steps = [seen for _, seen in f.seen]
+        assert (np.ptp([seen.state[[0, 2, 6, 8]] for seen in steps], axis=0) > 0.2).all()
+        for before, after in itertools.pairwise(steps):
+            if before.episode == after.episode and not after.last:
+                assert after.reward == pytest.approx(-0.5 * np.hypot(*before.state[[0, 2]]))
+    error = np.sqrt(np.mean(np.square(off), axis=(0, 2)))  # of the estimate's own: wander
+    assert (error < ([0.25, 0.3, 0.2] if like == "px4" else [0.05, 0.05, 0.05])).all()
+
+
+def test_the_hall_may_lie_anywhere_and_turned(tmp_path):
+    """The task's axes are the truth along its heading, from its origin."""
+    truth = []
+    with Flying(
+        tmp_path, "ardupilot", task=SlungLoad3D(), heading=2.5, origin=(1.0, -2.0),
+        autopilot={"SIM_LOAD_RATE": 0.0}, load_source="estimate", episodes=2,
+    ) as f:  # fmt: skip
+        act = f.act
+
+        def look(seen):
+            truth.append((seen.state, *f.body()))
+            return act(seen)
+
+        f.act = look
+        f.until(lambda: f.flight.phase is Phase.DOWN)
+        assert [seen.reward for seen in f.ends] == [DUNK, DUNK]
+    turned = np.array([[np.cos(2.5), np.sin(2.5)], [-np.sin(2.5), np.cos(2.5)]])
+    for seen, position, velocity, load in truth:
+        assert seen[[0, 2]] == pytest.approx(turned @ (position[:2] - (1.0, -2.0)), abs=0.1)
+        assert seen[[1, 3]] == pytest.approx(turned @ velocity[:2], abs=0.1)
+        assert np.sin(seen[[6, 8]]) == pytest.approx(turned @ (load - position)[:2], abs=0.15)
 
 
 @pytest.fixture(scope="module")

@@ -26,11 +26,11 @@ RESTING = {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5, "COM_DISARM_PRFLT": 0.0}
 """Parameters of one that a killed bridge has left, and that stays armed on the ground."""
 
 
-def plan(autopilot="embedded", **given):
+def plan(autopilot="embedded", task="slung_load", **given):
     options = {"url": None, "like": "px4", "speed_up": 1.0, "load": "feed", "demonstration": 5,
                "checkpoint": None, "practice": 500, "episodes": 10, "shown": 13, "seed": 0,
                "bridge": []} | given  # fmt: skip
-    return make_plan(autopilot, **options)
+    return make_plan(task, autopilot, **options)
 
 
 @pytest.fixture

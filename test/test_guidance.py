@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from motions import moved, moving
 
 from msg_bridge.mavlink.arbiter import Authority
-from msg_bridge.mavlink.envelope import Limits, Motion
+from msg_bridge.mavlink.envelope import Limits
+from msg_bridge.mavlink.flown import flown
 from msg_bridge.mavlink.guidance import Guidance
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import ARDUPILOT, PX4
@@ -18,10 +20,12 @@ from msg_bridge.mavlink.setpoints import (
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.transit import across, upwards
 from sim_nodes.tasks.slung_load import SlungLoad
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 
-TASK = SlungLoad()
+TASK = flown(SlungLoad(), FlightSettings())
 DT = 0.02
 LEFT, NEUTRAL, RIGHT = 0, 1, 2
+HALL = Limits(box=(-5.0, 5.0, -5.0, 5.0), heights=(1.2, 5.8))
 
 
 def guidance(profile=PX4, **settings):
@@ -30,8 +34,10 @@ def guidance(profile=PX4, **settings):
 
 
 def asked(g, authority, phase=Phase.EPISODE, *, wanted=0.0, target=0.0, stick=0.0, **motion):
-    now = Motion(height=5.0)._replace(**motion)
-    return g.setpoint(authority, phase, now, wanted=wanted, target=target, stick=stick, dt=DT)
+    return g.setpoint(
+        authority, phase, moved(moving(height=5.0), **motion), wanted=(wanted,),
+        target=(target, 0.0, 5.0), stick=(stick, 0.0), dt=DT,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("authority", [Authority.NOBODY, Authority.LAND])
@@ -126,6 +132,62 @@ def test_velocities_are_the_sum_of_accelerations():
     assert found.along == pytest.approx((1.6 + 9 * 3.0) * DT)
 
 
+def both(g, authority, phase=Phase.EPISODE, *, wanted=(0.0, 0.0), stick=(0.0, 0.0), **motion):
+    return g.setpoint(
+        authority, phase, moved(moving(height=2.8), **motion), wanted=wanted,
+        target=(1.0, -2.0, 3.0), stick=stick, dt=DT,
+    )  # fmt: skip
+
+
+def in_the_hall(**settings):
+    task = flown(SlungLoad3D(), FlightSettings(height=2.8))
+    return Guidance(task, PX4, FlightSettings(height=2.8, **settings), HALL, SimpleNamespace())
+
+
+def test_along_two_axes_both_accelerations_are_flown_at_the_starts_height():
+    g = in_the_hall()
+    for _ in range(5):
+        found = both(g, Authority.ACTOR, wanted=(3.0, -3.0))
+    assert found == AccelerationSetpoint(3.0, -3.0, pytest.approx(0.16), 3.0)
+    assert SlungLoad3D.description.actions[g.applied].value == (3.0, -3.0)
+    for _ in range(5):
+        found = both(g, Authority.NEUTRAL, wanted=(3.0, -3.0))
+    assert found[:2] == (0.0, 0.0)
+    assert g.applied == SlungLoad3D.description.neutral
+
+
+def test_at_one_wall_the_other_axis_stays_as_it_was_asked_for():
+    g = in_the_hall()
+    for _ in range(10):
+        found = both(g, Authority.ACTOR, wanted=(3.0, 3.0), across=4.4, drift=2.0)
+    assert found[:2] == (3.0, -3.0)
+    assert SlungLoad3D.description.actions[g.applied].value == (3.0, -3.0)
+
+
+def test_in_transit_it_leads_to_the_start_along_both_and_rests_there():
+    g = in_the_hall()
+    for _ in range(10):
+        found = both(g, Authority.BRIDGE, Phase.TRANSIT, x=-3.0, across=3.0)
+    assert found.along > 0.5
+    assert found.across < -0.5
+    there = both(g, Authority.BRIDGE, Phase.TRANSIT, x=1.2, across=-1.8)
+    assert there == PositionSetpoint(1.0, -2.0, 3.0)
+    assert both(g, Authority.BRIDGE, Phase.TRANSIT, x=1.0, across=-0.7) != there  # off in y
+
+
+def test_a_stick_flies_both_axes_slower_towards_a_wall():
+    g = in_the_hall()
+    assert both(g, Authority.PILOT, stick=(0.5, -1.0))[:2] == (1.0, -2.0)
+    assert abs(both(g, Authority.PILOT, stick=(0.5, -1.0), across=-4.5).across) < 0.5
+
+
+def test_velocities_are_summed_up_along_both():
+    g = in_the_hall(setpoints="velocity")
+    for _ in range(10):
+        found = both(g, Authority.ACTOR, wanted=(3.0, -3.0))
+    assert found.along == -found.across == pytest.approx((1.6 + 9 * 3.0) * DT)
+
+
 @pytest.mark.parametrize(
     ("law", "value", "rate", "most"),
     [
@@ -138,7 +200,7 @@ def test_track_and_height_are_come_back_to_without_swinging(law, value, rate, mo
     for start in (-3.0, 3.0):
         position, velocity, furthest = goal + start, 0.0, 0.0
         for _ in range(round(12.0 / DT)):
-            acceleration = law(Motion()._replace(**{value: position, rate: velocity}))
+            acceleration = law(moving(**{value: position, rate: velocity}))
             assert abs(acceleration) <= most
             velocity += acceleration * DT
             position += velocity * DT

@@ -6,10 +6,11 @@ import struct
 
 import numpy as np
 import pytest
+from motions import moving
 
 from iolspi_ros.bench.flying import Flying
 from iolspi_ros.bench.reckless import reckless
-from msg_bridge.mavlink.envelope import Limits, Motion, limit
+from msg_bridge.mavlink.envelope import Limits, limit
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import ARDUPILOT, PX4
 from sim_nodes.autopilot.autopilot import TICK
@@ -82,6 +83,6 @@ def test_room_is_left_for_the_way_that_was_measured(name, side):
                     braking=profile.stopping)  # fmt: skip
     for speed, acceleration, way in flights:
         for room in np.linspace(0.1, way - 0.05, 20):  # between the vehicle and the wall
-            motion = Motion(x=side * (20.0 - room), speed=side * speed)
+            motion = moving(x=side * (20.0 - room), speed=side * speed)
             allowed = limit(limits, side * acceleration, motion, 0.0, 0.02)
             assert side * allowed.acceleration < acceleration - 0.01

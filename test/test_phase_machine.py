@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
+from motions import moved, moving
 
 from msg_bridge.mavlink.arbiter import Authority
-from msg_bridge.mavlink.envelope import Motion
+from msg_bridge.mavlink.flown import flown
 from msg_bridge.mavlink.payload import PayloadReport
 from msg_bridge.mavlink.phase_machine import Inputs, PhaseMachine
 from msg_bridge.mavlink.phases import Command, Enter, Phase, Show, Tell
 from msg_bridge.mavlink.settings import FlightSettings
 from sim_nodes.tasks.slung_load import DUNK, RELEASE, SlungLoad
 
-TASK = SlungLoad()
+TASK = flown(SlungLoad(), FlightSettings())
 BRIDGE = Inputs(0.0, Authority.BRIDGE)
-UP = Motion(height=5.0)
+UP = moving(height=5.0)
 
 
 def machine(stream_first=True, **settings):
@@ -46,7 +47,7 @@ def hovering(**settings):
 
 
 def there(m, now, **motion):
-    return BRIDGE._replace(now=now, motion=UP._replace(x=m.target, **motion))
+    return BRIDGE._replace(now=now, motion=moved(UP, x=m.target[0], **motion))
 
 
 def flying(**settings):
@@ -99,11 +100,11 @@ def test_a_climb_is_asked_for_where_the_autopilot_climbs_by_command(stream_first
     asked = [commands(m.step(BRIDGE._replace(now=t))) for t in (2.1, 5.2, 10.0, 10.2)]
     once = [] if stream_first else [Command.TAKE_OFF]
     assert asked == [once, [], [], once]
-    off = BRIDGE._replace(now=19.0, motion=Motion(height=0.6))
+    off = BRIDGE._replace(now=19.0, motion=moving(height=0.6))
     assert commands(m.step(off)) == []  # it has left the ground
-    for wrong in (Motion(height=4.5), Motion(height=5.5), Motion(height=5.0, climb=0.6)):
+    for wrong in (moving(height=4.5), moving(height=5.5), moving(height=5.0, climb=0.6)):
         assert not entered(m.step(off._replace(motion=wrong)))
-    assert entered(m.step(off._replace(motion=Motion(height=4.7, climb=0.4)))) == [Phase.TRANSIT]
+    assert entered(m.step(off._replace(motion=moving(height=4.7, climb=0.4)))) == [Phase.TRANSIT]
 
 
 @pytest.mark.parametrize(
@@ -113,9 +114,9 @@ def test_a_climb_is_asked_for_where_the_autopilot_climbs_by_command(stream_first
 )  # fmt: skip
 def test_an_episode_begins_at_rest_at_its_start(wrong):
     m = hovering()
-    away = {name: value + (m.target if name == "x" else 0.0) for name, value in wrong.items()}
+    away = {name: value + (m.target[0] if name == "x" else 0.0) for name, value in wrong.items()}
     m.step(there(m, 10.0))
-    m.step(BRIDGE._replace(now=10.4, motion=there(m, 0.0).motion._replace(**away)))
+    m.step(BRIDGE._replace(now=10.4, motion=moved(there(m, 0.0).motion, **away)))
     assert not entered(m.step(there(m, 10.6)))  # the half second begins anew
     assert not entered(m.step(there(m, 10.8)))
     assert entered(m.step(there(m, 11.0))) == [Phase.EPISODE]
@@ -125,7 +126,7 @@ def test_an_episode_begins_at_rest_at_its_start(wrong):
 def test_starts_are_swept_or_drawn_again_the_same_after_a_reset(order):
     m, now, targets = hovering(order=order, seed=4), 10.0, []
     for n in range(6):
-        targets.append(m.target)
+        targets.append(m.target[0])
         for _ in range(2):
             m.step(there(m, now))
             now += 1.0
@@ -158,7 +159,7 @@ def test_states_are_shown_at_their_times_and_the_last_one_ends_it():
     assert entered(decisions) == [Phase.BRAKE]
     assert (m.flown, m.abandoned) == (1, 0)
     assert not entered(m.step(BRIDGE._replace(now=10.95)))  # it may only seem to stand
-    assert not entered(m.step(BRIDGE._replace(now=11.2, motion=Motion(speed=0.4))))
+    assert not entered(m.step(BRIDGE._replace(now=11.2, motion=moving(speed=0.4))))
     decisions = m.step(BRIDGE._replace(now=11.3))
     assert told(decisions) == ["land: 1 episodes flown"]
     assert entered(decisions) == [Phase.LANDING]
@@ -176,7 +177,7 @@ def test_only_answers_to_this_episode_count():
 def test_a_release_ends_with_the_reward_of_where_the_load_came_down():
     m = flying()
     m.answer(m.number, 0, RELEASE)
-    state = Motion(1.0, 2.0, height=5.0, swing=0.3, swing_rate=0.4)
+    state = moving(x=1.0, speed=2.0, height=5.0, swing=0.3, swing_rate=0.4)
     assert m.release(10.65, state) == [Command.RELEASE, Enter(Phase.RELEASE)]
     assert not m.answer(m.number, 0, 1)
     open_still = BRIDGE._replace(now=10.7, payload=PayloadReport(gone=True))
@@ -184,7 +185,7 @@ def test_a_release_ends_with_the_reward_of_where_the_load_came_down():
     decisions = m.step(open_still._replace(payload=PayloadReport(gone=True, reward=DUNK)))
     (end,) = shown(decisions)
     assert (end.reward, end.action, end.terminated) == (DUNK, RELEASE, True)
-    assert end.state.tolist() == [1.0, 2.0, 0.3, 0.4]
+    assert end.state == pytest.approx([1.0, 2.0, 0.3, 0.4])
     assert (m.flown, m.phase) == (1, Phase.BRAKE)
     gone = BRIDGE._replace(now=11.0, payload=PayloadReport(gone=True))
     assert m.step(gone) == [Command.RELOAD, Enter(Phase.RELOAD)]

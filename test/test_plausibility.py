@@ -38,7 +38,7 @@ class Truth:
             self.x + self.error[0] + grain[0], self.v + self.error[1] + grain[1], self.rng
         )
         self.check.see(self.t, np.array([x, 0.0, 5.0]), np.array([v, 0.0, 0.0]))
-        self.check.ask(self.t, wanted, v)
+        self.check.ask(self.t, (wanted,), (v,))
         return self.check.impossible()
 
 
@@ -261,5 +261,5 @@ def test_a_vehicle_is_not_doubted_for_what_we_did_not_say(gap, doubted):
     check, now = VehicleCheck(), 0.0
     for k in range(60):
         now += gap if k == 50 else 0.02
-        check.ask(now, 3.0, 0.0)
+        check.ask(now, (3.0,), (0.0,))
     assert bool(check.impossible()) is doubted

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from msg_bridge.mavlink import profiles
 from msg_bridge.mavlink.codec import Codec
+from msg_bridge.mavlink.motion import Motion
 from msg_bridge.mavlink.telemetry import NEVER, Telemetry, parameter_value
 
 DATA = Path(__file__).parent / "data"
@@ -45,8 +46,9 @@ class Replay:
             for message in codec.read(data, whole=True):
                 t = self.telemetry
                 if t.take(message, now):
+                    tilt = Motion(up=tuple(t.up)).tilt
                     self.states.append((now, message.get_type(), t.mode, t.armed, t.position.copy(),
-                                        t.velocity.copy(), dict(t.acks), t.tilt))  # fmt: skip
+                                        t.velocity.copy(), dict(t.acks), tilt))  # fmt: skip
         self.rejected = codec.rejected
 
     def of(self, kind):

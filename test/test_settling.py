@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from motions import moved, moving
 
 from msg_bridge.mavlink.arbiter import Authority
-from msg_bridge.mavlink.envelope import Motion
+from msg_bridge.mavlink.flown import flown
 from msg_bridge.mavlink.phase_machine import Inputs, PhaseMachine
 from msg_bridge.mavlink.phases import Phase, Tell
 from msg_bridge.mavlink.settings import FlightSettings
@@ -13,6 +14,7 @@ from sim_nodes.tasks.slung_load import SlungLoad
 
 SETTINGS = FlightSettings()
 DT = 0.02
+MIDDLE = (0.0, 0.0, 5.0)
 
 
 def wander(deviation, seed=0, memory=1.0):
@@ -30,8 +32,8 @@ def hovering(settling, noise, seconds, target=-2.0, begin=0.0, off=0.0):
     found = None
     for k in range(round(seconds / DT)):
         x, v, angle, rate = next(noise)
-        motion = Motion(x=target + x + off, speed=v, height=5.0, swing=angle, swing_rate=rate)
-        found = settling.see(begin + k * DT, target, motion)
+        motion = moving(x=target + x + off, speed=v, height=5.0, swing=angle, swing_rate=rate)
+        found = settling.see(begin + k * DT, (target, 0.0, 5.0), motion)
         if found.ready:
             return k * DT, found
     return None, found
@@ -64,7 +66,8 @@ def test_the_noise_that_is_measured_is_that_of_the_flight():
         noise = wander(deviation, seed, memory=0.5)
         for k in range(round(14.9 / DT)):
             x, v, angle, rate = next(noise)
-            settling.see(k * DT, 0.0, Motion(x, v, height=5.0, swing=angle, swing_rate=rate))
+            now = moving(x=x, speed=v, height=5.0, swing=angle, swing_rate=rate)
+            settling.see(k * DT, MIDDLE, now)
         found.append(settling.noise)
     assert np.mean(found, axis=0) == pytest.approx(deviation, rel=0.35)
 
@@ -73,14 +76,14 @@ def test_one_outlier_is_no_noise():
     settling = Settling(SETTINGS)
     for k in range(500):
         off = 0.7 if k % 50 == 0 else 0.0
-        settling.see(k * DT, 0.0, Motion(x=off, height=5.0))
+        settling.see(k * DT, MIDDLE, moving(x=off, height=5.0))
     assert settling.noise[0] < 0.04  # that changes no tolerance
 
 
 def test_slow_creep_is_no_noise():
     settling = Settling(SETTINGS)
     for k in range(500):
-        settling.see(k * DT, 0.0, Motion(x=0.7 - 0.05 * k * DT, speed=-0.05, height=5.0))
+        settling.see(k * DT, MIDDLE, moving(x=0.7 - 0.05 * k * DT, speed=-0.05, height=5.0))
     assert settling.noise[0] < 0.01
 
 
@@ -104,14 +107,37 @@ def test_noise_beyond_bounds_is_not_waited_for_for_ever_and_what_is_waited_for_i
     ],
 )
 def test_what_it_waits_for_is_said_with_value_and_tolerance(wrong, word):
-    found = Settling(SETTINGS).see(0.0, 0.0, Motion(height=5.0)._replace(**wrong))
+    found = Settling(SETTINGS).see(0.0, MIDDLE, moved(moving(height=5.0), **wrong))
     assert found.waits_for.startswith(word)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        ({"across": 0.3}, "position in y 0.30 m (tolerance 0.10)"),
+        ({"drift": -0.2}, "speed in y -0.20 m/s"),
+        ({"cable": (0.0, 0.1, -0.995)}, "swing in y 0.10 rad"),
+        ({"x": 0.3, "across": 0.3}, "position 0.30 m (tolerance 0.10), position in y 0.30 m"),
+    ],
+)
+def test_of_two_axes_each_has_to_be_at_rest(wrong, word):
+    found = Settling(SETTINGS, 2).see(0.0, MIDDLE, moved(moving(height=5.0), **wrong))
+    assert found.waits_for.startswith(word)
+
+
+def test_the_noise_of_two_axes_is_that_of_the_noisier():
+    settling, noise = Settling(SETTINGS, 2), wander((0.12, 0.18, 0.0, 0.0), memory=0.5)
+    settling.begin(0.0)
+    for k in range(round(14.9 / DT)):
+        _, speed, *_ = values = next(noise)
+        settling.see(k * DT, MIDDLE, moving(across=values[0], drift=speed, height=5.0))
+    assert settling.noise[:2] == pytest.approx([0.12, 0.18], rel=0.6)
+
+
 def test_where_it_does_not_settle_another_start_is_flown_to_and_after_three_it_lands():
-    machine = PhaseMachine(SlungLoad(), SETTINGS, stream_first=True)
+    machine = PhaseMachine(flown(SlungLoad(), SETTINGS), SETTINGS, stream_first=True)
     machine.begin(0.0)
-    far = Motion(x=50.0, height=5.0)
+    far = moving(x=50.0, height=5.0)
     told, targets, now = [], [], 0.0
     while machine.phase is not Phase.LANDING:
         assert now < 200.0
@@ -124,7 +150,7 @@ def test_where_it_does_not_settle_another_start_is_flown_to_and_after_three_it_l
     assert len(told) == 3
     assert all(
         f"no rest at x = {x:.1f} m in 30 s: position" in t
-        for x, t in zip(targets, told, strict=True)
+        for (x, _, _), t in zip(targets, told, strict=True)
     )
     assert "did not come to rest at 3 starts" in machine.landing_reason
     assert now == pytest.approx(90.0, abs=5.0)

@@ -28,6 +28,7 @@ from sim_nodes.autopilot.firmware import WITH_GRIPPER
 from sim_nodes.quadrotor.body import LOAD, POSITION, VELOCITY
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.tasks.slung_load.pilot import Perform
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 
 Array = NDArray[np.float64]
 Act = Callable[[Observation], int | None]
@@ -43,8 +44,15 @@ def parameters(like: str, **changed: float) -> dict[str, float]:
     return known | WITH_GRIPPER[like] | changed
 
 
-def pilot(task: SlungLoad) -> Act:
-    """Who swings the load in and drops it, with more verve than the scripted pilot."""
+HALL = Limits(box=(-5.0, 5.0, -5.0, 5.0), heights=(1.2, 5.8))
+"""The envelope of the slung load in three dimensions: its walls, as config/slung_load_3d.yaml."""
+
+
+def pilot(task: SlungLoad | SlungLoad3D) -> Act:
+    """Who brings the load in and drops it; in the plane with more verve than the scripted pilot."""
+    if isinstance(task, SlungLoad3D):
+        performs = task.pilot("perform", np.random.default_rng(0))
+        return lambda seen: performs.decide(seen.state, 0.0)
     law = Perform()
     law.swing, law.margin = 2.5, 1.3
     return lambda seen: law.decide(seen.state, 0.0)
@@ -71,7 +79,9 @@ class Flying:
     keys : (bytes or None, bytes or None)
         Of the autopilot's and the bridge's signatures.
     initial : str
-        Of the task.
+        Of the slung load in the plane.
+    task : SlungLoad3D, optional
+        In place of that, in the envelope `HALL`.
     patience : float
         Of the preflight [s].
     autopilot : dict of str to float, optional
@@ -94,12 +104,15 @@ class Flying:
         system: int = 1,
         keys: tuple[bytes | None, bytes | None] = (None, None),
         initial: str = "wide",
+        task: SlungLoad3D | None = None,
         patience: float = 20.0,
         autopilot: dict[str, float] | None = None,
         seed: int = 0,
         **settings: Any,
     ) -> None:
-        self.task, self.limits = SlungLoad(initial=initial), Limits()
+        self.task = task or SlungLoad(initial=initial)
+        self.limits = HALL if task else Limits()
+        settings = {"height": 2.8} | settings if task else settings
         self.world = world(like, parameters(like, **(autopilot or {})), seed, keys[0])
         self.clock = self.world.clock
         self.telemetry = Telemetry(system, 2)
@@ -264,15 +277,16 @@ class Flying:
         """Whether the truth is inside the envelope."""
         position, velocity, _ = self.body()
         motion = self.flight.motion._replace(
-            x=position[0], speed=velocity[0], across=position[1], height=position[2], swing=0.0
-        )
+            x=position[0], speed=velocity[0], across=position[1], height=position[2],
+            cable=(0.0, 0.0, -1.0),
+        )  # fmt: skip
         return violation(self.limits, motion) == ""
 
 
 class Dying:
     """Accelerates away, and falls silent after some answers; made `alive`, it flies well."""
 
-    def __init__(self, task: SlungLoad, answers: int) -> None:
+    def __init__(self, task: SlungLoad | SlungLoad3D, answers: int) -> None:
         self.left, self.alive = answers, False
         self._pilot = pilot(task)
 

@@ -105,8 +105,9 @@ def _elsewhere(
             "--it-is-a-simulator, which says that nobody can be hurt"
         )
     plan = make_plan(
-        autopilot or "", url, "px4", speed_up, "estimate", 5, None, 500, 10, 13, 0, bridge or []
-    )
+        "slung_load", autopilot or "", url, "px4", speed_up, "estimate", 5, None, 500, 10, 13, 0,
+        bridge or [],
+    )  # fmt: skip
     more = [part for text in bridge or [] for part in ("--bridge", text)]
     shared = ["--autopilot", plan.autopilot, "--url", plan.url, "--load", "estimate",
               "--speed-up", str(speed_up), *more]  # fmt: skip

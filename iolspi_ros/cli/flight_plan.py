@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from msg_bridge.mavlink.profiles import AutopilotProfile
     from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 
-TASK = "slung_load"
+TASKS = ("slung_load", "slung_load_3d")
+"""Those that `msg_bridge.mavlink.flown` flies."""
 EMBEDDED = "embedded"
 URLS = {"px4": "udpin:127.0.0.1:14540", "ardupilot": "tcp:127.0.0.1:5760", "paparazzi": ""}
 AUTOPILOTS = (EMBEDDED, *URLS)
+_SHARED = ("basket", "basket_radius", "cable", "accelerations")  # of model and flight, if it has it
 _SLACK = 0.05  # of wall time that an answer may be late by, whatever the speed-up [s]
 
 
@@ -30,6 +32,8 @@ class FlightPlan(NamedTuple):
 
     Attributes
     ----------
+    task : str
+        One of `TASKS`.
     url : str
     autopilot : str
         Who must be there: px4 or ardupilot.
@@ -50,6 +54,7 @@ class FlightPlan(NamedTuple):
         Samples that taught it, as far as they were not sent over the graph.
     """
 
+    task: str
     url: str
     autopilot: str
     embedded: bool
@@ -72,7 +77,7 @@ class FlightPlan(NamedTuple):
     @property
     def config(self) -> Path:
         """The parameter file of all nodes."""
-        return resources.find("config", f"{TASK}.yaml")
+        return resources.find("config", f"{self.task}.yaml")
 
     def parameters(self) -> dict[str, Any]:
         """Of the bridge, beside those of the file."""
@@ -86,17 +91,44 @@ class FlightPlan(NamedTuple):
         """Those of link and flight, as the bridge will have them."""
         from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 
-        values = resources.parameters(self.config, "bridge") | self.parameters()
-        where = "--bridge"
-        return from_mapping(LinkSettings, values, where), from_mapping(
-            FlightSettings, values, where
+        return self._of(LinkSettings), self._of(FlightSettings)
+
+    def check(self) -> None:
+        """Raise unless the bridge would fly it.
+
+        Raises
+        ------
+        InputError
+            Naming the parameter, its value and what is allowed.
+        """
+        from msg_bridge.mavlink.envelope import Limits, widened
+        from msg_bridge.mavlink.flown import TASKS, check_room, flown
+        from msg_bridge.mavlink.profiles import PROFILES
+
+        _, flight = self.settings()
+        limits = widened(self._of(Limits), PROFILES[self.autopilot].noise)
+        task = self._of(TASKS[self.task])
+        check_room(flown(task, flight), flight, limits)
+        model = from_mapping(
+            TASKS[self.task], resources.parameters(self.config, "simulator"), str(self.config)
         )
+        for name in _SHARED:
+            there, here = getattr(model, name, None), getattr(task, name, None)
+            if there != here:
+                raise InputError(
+                    f"{name} of the bridge is {here}, of the model that is practised on {there}; "
+                    f"allowed: the same, in {self.config.name}"
+                )
+
+    def _of(self, kind: type[Any]) -> Any:
+        values = resources.parameters(self.config, "bridge") | self.parameters()
+        return from_mapping(kind, values, "--bridge")
 
 
 def make_plan(
-    autopilot: str, url: str | None, like: str, speed_up: float, load: str, demonstration: int,
-    checkpoint: Path | None, practice: int, episodes: int, shown: int, seed: int,
-    bridge: list[str],
+    task: str, autopilot: str, url: str | None, like: str, speed_up: float, load: str,
+    demonstration: int, checkpoint: Path | None, practice: int, episodes: int, shown: int,
+    seed: int, bridge: list[str],
 ) -> FlightPlan:  # fmt: skip
     """The plan that the options of `iolspi fly` make.
 
@@ -110,6 +142,7 @@ def make_plan(
     from msg_bridge.mavlink.profiles import PROFILES
     from sim_nodes.autopilot.firmware import FIRMWARES
 
+    check_choice("--task", task, TASKS)
     check_choice("--autopilot", autopilot, AUTOPILOTS)
     check_choice("--like", like, tuple(FIRMWARES))
     check_choice("--load", load, ("feed", "estimate"))
@@ -126,16 +159,16 @@ def make_plan(
     address = urls.parse(place)
     if embedded and address.kind not in ("udpin", "udpout"):
         raise InputError(f"--url {url}: allowed for the embedded autopilot: udpin, udpout")
-    bag = None if checkpoint else resources.find("demos", TASK, f"set_{demonstration}")
+    bag = None if checkpoint else resources.find("demos", task, f"set_{demonstration}")
     if checkpoint and not checkpoint.is_file():
         raise InputError(f"--checkpoint {checkpoint} is not there; allowed: a file")
     plan = FlightPlan(
-        str(address), like if embedded else autopilot, embedded, speed_up, bag, checkpoint,
+        task, str(address), like if embedded else autopilot, embedded, speed_up, bag, checkpoint,
         practice if bag else 0, episodes, shown, seed,
         f"demonstration set {demonstration}" if bag else f"what {checkpoint} holds",
         {"load_source": load} | dict(_assignment(text) for text in bridge),
     )  # fmt: skip
-    plan.settings()
+    plan.check()
     return plan
 
 
@@ -160,7 +193,7 @@ def practise(plan: FlightPlan, out: Path) -> FlightPlan:
     from iolspi_ros.experiments.headless import Listener, prepare, train
 
     assert plan.bag is not None
-    world, learner, name = prepare(TASK, plan.config, plan.seed)
+    world, learner, name = prepare(plan.task, plan.config, plan.seed)
     done = 0
     samples = read_demonstration(plan.bag, learner.task).transitions()
     learner.pretrain(samples)
@@ -209,7 +242,7 @@ def describe(plan: FlightPlan) -> Iterator[str]:
         f"by force), climb to {flight.height:g} m {climb}."
     )
     yield (
-        f"Fly {plan.episodes} episodes while learning and {plan.shown} without: "
+        f"Fly {plan.episodes} episodes of {plan.task} while learning and {plan.shown} without: "
         f"SET_POSITION_TARGET_LOCAL_NED, type mask 0x{profile.acceleration:04X}, {flight.rate:g} "
         "times a second of vehicle time; each episode a release, and a new load."
     )

@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from iolspi_ros.cli.flight_plan import TASK, FlightPlan
+from iolspi_ros.cli.flight_plan import FlightPlan
 from iolspi_ros.cli.progress import baseline, console
 
 if TYPE_CHECKING:
@@ -45,10 +45,10 @@ def write(
         report.write_summary(out / "summary.json", extra)
         console.print(f"\nNo episode was flown to its end. What is known is in {out}.")
         return
-    learner = prepare(TASK, plan.config, 0).learner
+    learner = prepare(plan.task, plan.config, 0).learner
     subject = report.Subject(vehicle, learner, history, baseline(vehicle))
     with console.status("drawing …"):
-        title = "Flying the slung load on an autopilot"
+        title = f"Flying {plan.task} on an autopilot"
         summary = report.finish(out, title, _lead(plan, flown), subject, extra, flown=facts)
     for value, what in facts:
         console.print(f"  [bold]{value}[/bold] {what}")
@@ -61,9 +61,10 @@ def write(
 def _flown(vehicle: Task, episodes: list[EpisodeRecord]) -> dict[str, int]:
     """Of all whole episodes, while learning and shown: how they ended."""
     from iolspi_ros.experiments.evaluate import succeeded
-    from sim_nodes.tasks.slung_load import CABLE, WALL
 
-    crashes = sum(episode.rewards[-1] in (CABLE, WALL) for episode in episodes)
+    ends = vehicle.description.endings
+    crashing = {end.reward for end in ends if end.name.startswith("crash")}
+    crashes = sum(episode.rewards[-1] in crashing for episode in episodes)
     successes = int(succeeded(vehicle, episodes).sum()) if episodes else 0
     return {
         "flown_episodes": len(episodes), "flown_successes": successes,

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from iolspi_ros.cli.app import app
-from iolspi_ros.cli.flight_plan import AUTOPILOTS, TASK, FlightPlan, describe, make_plan, practise
+from iolspi_ros.cli.flight_plan import AUTOPILOTS, TASKS, FlightPlan, describe, make_plan, practise
 from iolspi_ros.cli.progress import console, so_far
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
@@ -16,6 +16,7 @@ from iolspi_ros.folders import new_folder
 
 @app.command(epilog="Example: iolspi fly --autopilot embedded --like px4 --speed-up 4")
 def fly(
+    task: Annotated[str, typer.Option(help=f"What to fly: {', '.join(TASKS)}.")] = TASKS[0],
     autopilot: Annotated[
         str, typer.Option(help=f"Whom to fly: {', '.join(AUTOPILOTS)}.")
     ] = "embedded",
@@ -61,7 +62,7 @@ def fly(
         "out/fly"
     ),
 ) -> None:
-    """Fly the slung load on an autopilot over MAVLink, learning as it goes.
+    """Fly a slung load, in one axis or two, on an autopilot over MAVLink, learning as it goes.
 
     Teaches a learner by demonstrations and on the model, checks the autopilot, takes off, flies
     episodes while it learns and then without, lands, and gives the parameters back. Leaves
@@ -74,8 +75,8 @@ def fly(
     if restore:
         raise typer.Exit(flight_parameters.restore(url))
     wanted = make_plan(
-        autopilot, url, like, speed_up, load, demonstration, checkpoint, practice, episodes, shown,
-        seed, bridge or [],
+        task, autopilot, url, like, speed_up, load, demonstration, checkpoint, practice, episodes,
+        shown, seed, bridge or [],
     )  # fmt: skip
     if plan:
         for line in describe(wanted):
@@ -83,7 +84,7 @@ def fly(
         return
     domain = graph.isolate()  # or a refusal, before there is a folder
     console.print(
-        f"Flying [bold]{wanted.vehicle}[/bold] at {wanted.url}. The graph is in "
+        f"Flying {wanted.task} on [bold]{wanted.vehicle}[/bold] at {wanted.url}. The graph is in "
         f"ROS_DOMAIN_ID={domain}, on this machine only."
     )
     if not wanted.embedded:
@@ -99,7 +100,7 @@ def _fly(plan: FlightPlan, out: Path) -> None:
     from iolspi_ros.nodes.monitor import watching
     from sim_nodes.tasks import make_task
 
-    vehicle = make_task(TASK, resources.parameters(plan.config, "simulator"), str(plan.config))
+    vehicle = make_task(plan.task, resources.parameters(plan.config, "simulator"), str(plan.config))
     if plan.practice:
         plan = practise(plan, out)
     with (

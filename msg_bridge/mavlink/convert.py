@@ -1,7 +1,7 @@
 """MAVLink's frames and units on one side, this graph's (ENU, SI, radians) on the other.
 
-Nothing else of the bridge knows of NED, of centimetres or of degrees times ten million. The axis
-that a task moves along is a `Track`.
+Nothing else of the bridge knows of NED, of centimetres or of degrees times ten million. Where a
+task happens is a `Track`.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _FRAME = dialect.MAV_FRAME_LOCAL_NED
 
 @dataclass(frozen=True)
 class Track:
-    """The vertical plane in which a task happens.
+    """The frame in which a task happens: a vertical plane, or all of what is around it.
 
     Attributes
     ----------
     origin : tuple of float
-        East and north of the task's x = 0 in the autopilot's local frame [m].
+        East and north of the task's origin in the autopilot's local frame [m].
     heading : float
         Direction of +x, counter-clockwise from east [rad].
     """
@@ -76,10 +76,18 @@ def global_offset(message: Any, reference: Any) -> Array:
     return np.array([east, north, (message.alt - reference.alt) * 0.001])
 
 
+def upwards(message: Any) -> Array:
+    """Where the rotors' axis points to, ENU, a unit vector of shape (3,), of an ATTITUDE."""
+    roll, pitch, yaw = message.roll, message.pitch, message.yaw
+    forward = math.sin(pitch) * math.cos(roll), math.sin(roll)
+    north = math.cos(yaw) * forward[0] + math.sin(yaw) * forward[1]
+    east = math.sin(yaw) * forward[0] - math.cos(yaw) * forward[1]
+    return -swap_world(np.array([north, east, math.cos(pitch) * math.cos(roll)]))
+
+
 def tilt(message: Any) -> float:
-    """Angle between the rotor axis and the vertical [rad], of an ATTITUDE."""
-    cosine = math.cos(message.roll) * math.cos(message.pitch)
-    return math.acos(min(max(cosine, -1.0), 1.0))
+    """Angle between the rotors' axis and the vertical [rad], of an ATTITUDE."""
+    return math.acos(min(max(float(upwards(message)[2]), -1.0), 1.0))
 
 
 class Ignore(IntFlag):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
+from msg_bridge.mavlink.motion import Motion
 from sim_nodes.tasks.base import G
 from sim_nodes.tasks.slung_load import SlungLoad
 
@@ -23,45 +24,22 @@ _REST = 0.1  # beyond the margin, where a vehicle at rest is left alone [m]
 _SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
 
-class Motion(NamedTuple):
-    """What is measured, in the task's track.
-
-    Attributes
-    ----------
-    x, speed : float
-        Along the track [m], [m/s].
-    across, drift : float
-        Across it, to the left [m], [m/s].
-    height, climb : float
-        Above the take-off point [m], [m/s].
-    tilt : float
-        Of the rotor axis from the vertical [rad].
-    swing, swing_rate : float
-        Of the cable, positive along the track [rad], [rad/s].
-    """
-
-    x: float = 0.0
-    speed: float = 0.0
-    across: float = 0.0
-    drift: float = 0.0
-    height: float = 0.0
-    climb: float = 0.0
-    tilt: float = 0.0
-    swing: float = 0.0
-    swing_rate: float = 0.0
-
-
 @dataclass(frozen=True)
 class Limits(Settings):
     """The envelope. Beyond it the bridge takes over."""
 
     box: tuple[float, ...] = setting(
-        SlungLoad.walls, "along the track: least and greatest x [m]: the walls"
+        SlungLoad.walls, "least and greatest x, and for a task of two axes least and greatest y "
+        "besides [m]: the walls"
+    )  # fmt: skip
+    corridor: float = setting(
+        2.0, "of one axis: greatest distance from the track [m]", low=0.1, high=1e3
     )
-    corridor: float = setting(2.0, "greatest distance from the track [m]", low=0.1, high=1e3)
     heights: tuple[float, ...] = setting((2.0, 9.0), "least and greatest height [m]")
-    speed: float = setting(6.0, "greatest speed along the track [m/s]", low=0.1, high=50.0)
-    acceleration: float = setting(3.0, "greatest acceleration [m/s^2]", low=0.1, high=20.0)
+    speed: float = setting(6.0, "greatest speed along each axis [m/s]", low=0.1, high=50.0)
+    acceleration: float = setting(
+        3.0, "greatest acceleration along each axis [m/s^2]", low=0.1, high=20.0
+    )
     braking: float = setting(
         5.0, "deceleration counted on at the box [m/s^2], where the autopilot has no less",
         low=0.1, high=20.0,
@@ -87,10 +65,25 @@ class Limits(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("box", "heights"):
-            pair = getattr(self, name)
-            if len(pair) != 2 or not pair[0] < pair[1]:
-                raise InputError(f"{name} is {list(pair)}; allowed: two numbers, the least first")
+        if len(self.box) not in (2, 4) or not all(low < high for low, high in self.sides):
+            raise InputError(
+                f"box is {list(self.box)}; allowed: least and greatest x [m], and for a task of "
+                "two axes least and greatest y besides; of each pair the least first"
+            )
+        if len(self.heights) != 2 or not self.heights[0] < self.heights[1]:
+            raise InputError(
+                f"heights is {list(self.heights)}; allowed: two numbers, the least first"
+            )
+
+    @property
+    def axes(self) -> int:
+        """Horizontal axes of the box: 1 or 2."""
+        return len(self.box) // 2
+
+    @property
+    def sides(self) -> tuple[tuple[float, float], ...]:
+        """Least and greatest place along each axis [m]."""
+        return tuple(zip(self.box[::2], self.box[1::2], strict=False))
 
 
 def widened(limits: Limits, noise: float) -> Limits:
@@ -99,10 +92,10 @@ def widened(limits: Limits, noise: float) -> Limits:
     return replace(limits, margin=max(limits.margin, min(margin, _MOST)))
 
 
-def starts(limits: Limits) -> tuple[float, float]:
-    """Least and greatest x [m] at which an episode may begin at rest."""
-    room = limits.margin + _REST
-    return limits.box[0] + room, limits.box[1] - room
+def starts(limits: Limits, axis: int = 0) -> tuple[float, float]:
+    """Least and greatest place along an axis [m] at which an episode may begin at rest."""
+    room, (low, high) = limits.margin + _REST, limits.sides[axis]
+    return low + room, high - room
 
 
 class Limited(NamedTuple):
@@ -112,8 +105,10 @@ class Limited(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def limit(limits: Limits, wanted: float, motion: Motion, before: float, dt: float) -> Limited:
-    """Acceleration along the track that keeps the vehicle inside.
+def limit(
+    limits: Limits, wanted: float, motion: Motion, before: float, dt: float, axis: int = 0
+) -> Limited:
+    """Acceleration along an axis that keeps the vehicle inside.
 
     Parameters
     ----------
@@ -125,6 +120,8 @@ def limit(limits: Limits, wanted: float, motion: Motion, before: float, dt: floa
         The setpoint before this one [m/s²].
     dt : float
         Time since that one [s].
+    axis : int
+        0 along the track, 1 across.
 
     Returns
     -------
@@ -141,9 +138,9 @@ def limit(limits: Limits, wanted: float, motion: Motion, before: float, dt: floa
     for name, low, high in (
         ("jerk", before - step, before + step),
         ("acceleration", -limits.acceleration, limits.acceleration),
-        ("swing", *_swing_bounds(limits, motion)),
-        ("speed", *_speed_bounds(limits, motion)),
-        ("box", *_box_bounds(limits, motion)),
+        ("swing", *_swing_bounds(limits, motion, axis)),
+        ("speed", *_speed_bounds(limits, motion.velocity[axis])),
+        ("box", *_box_bounds(limits, motion, axis)),
     ):
         allowed = max(low, min(value, high))
         if abs(allowed - value) > 1e-9:
@@ -154,15 +151,21 @@ def limit(limits: Limits, wanted: float, motion: Motion, before: float, dt: floa
 
 def violation(limits: Limits, motion: Motion) -> str:
     """What is beyond the envelope, in words; empty inside. NaN is beyond it."""
-    low, high = limits.box
-    checks: tuple[tuple[str, float, float, float, str], ...] = (
-        ("x", motion.x, low - _BEYOND, high + _BEYOND, "m"),
-        ("distance from the track", abs(motion.across), 0.0, limits.corridor, "m"),
+    checks: list[tuple[str, float, float, float, str]] = []
+    for name, place, speed, (low, high) in zip(
+        ("x", "y"), motion.place, motion.velocity, limits.sides, strict=False
+    ):
+        which = "speed" if name == "x" else f"speed in {name}"
+        checks.append((name, place, low - _BEYOND, high + _BEYOND, "m"))
+        checks.append((which, abs(speed), 0.0, 1.15 * limits.speed, "m/s"))
+    if limits.axes == 1:
+        away = abs(motion.across)
+        checks.append(("distance from the track", away, 0.0, limits.corridor, "m"))
+    checks += [
         ("height", motion.height, limits.heights[0], limits.heights[1], "m"),
-        ("speed", abs(motion.speed), 0.0, 1.15 * limits.speed, "m/s"),
         ("tilt", motion.tilt, 0.0, limits.tilt, "rad"),
-        ("swing", abs(motion.swing), 0.0, limits.swing, "rad"),
-    )
+        ("swing", motion.swing, 0.0, limits.swing, "rad"),
+    ]
     for name, value, least, most, unit in checks:
         if not least <= value <= most:
             return f"{name} is {value:.2f} {unit}; allowed: {least:g} to {most:g}"
@@ -173,18 +176,18 @@ def _clip(limits: Limits, value: float) -> float:
     return max(-limits.acceleration, min(value, limits.acceleration))
 
 
-def _speed_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+def _speed_bounds(limits: Limits, speed: float) -> tuple[float, float]:
     """So that the speed is within its limit after the response time."""
-    low = (-limits.speed - motion.speed) / limits.response
-    high = (limits.speed - motion.speed) / limits.response
+    low = (-limits.speed - speed) / limits.response
+    high = (limits.speed - speed) / limits.response
     return _clip(limits, low), _clip(limits, high)
 
 
-def _box_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+def _box_bounds(limits: Limits, motion: Motion, axis: int) -> tuple[float, float]:
     """So that the vehicle comes to rest inside the box, whoever stops sending, and when."""
-    low, high = limits.box
-    upper = _stopping_bound(limits, high - limits.margin - motion.x, motion.speed)
-    lower = -_stopping_bound(limits, motion.x - low - limits.margin, -motion.speed)
+    (low, high), place, speed = limits.sides[axis], motion.place[axis], motion.velocity[axis]
+    upper = _stopping_bound(limits, high - limits.margin - place, speed)
+    lower = -_stopping_bound(limits, place - low - limits.margin, -speed)
     return lower, upper
 
 
@@ -208,27 +211,28 @@ def _stopping_bound(limits: Limits, room: float, speed: float) -> float:
     return _clip(limits, (-linear + math.sqrt(discriminant)) / (2.0 * square))
 
 
-def stick_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+def stick_bounds(limits: Limits, motion: Motion, axis: int = 0) -> tuple[float, float]:
     """Least and greatest velocity [m/s] from which the vehicle comes to rest inside the box."""
-    low, high = limits.box
+    (low, high), place = limits.sides[axis], motion.place[axis]
     way, b = max(limits.response, limits.held) + limits.leaning, limits.braking
 
     def towards(room: float) -> float:  # v (τ + T) + v²/(2 b) = room
         return -b * way + math.sqrt((b * way) ** 2 + 2.0 * b * max(room, 0.0))
 
-    return -towards(motion.x - low - limits.margin), towards(high - limits.margin - motion.x)
+    return -towards(place - low - limits.margin), towards(high - limits.margin - place)
 
 
-def _swing_bounds(limits: Limits, motion: Motion) -> tuple[float, float]:
+def _swing_bounds(limits: Limits, motion: Motion, axis: int) -> tuple[float, float]:
     """So that the load's energy after the response time is below that at the greatest angle.
 
-    E = ω²/2 + g/L (1 - cos θ) changes with -a ω cos θ / L.
+    With u where the cable points to, E = |u̇|²/2 + g/L (1 + u_z) changes with -a · u̇ / L; in one
+    plane that is -a ω cos θ / L. Of what is left of it each axis has its share.
     """
     gravity = G / limits.cable
-    energy = 0.5 * motion.swing_rate**2 + gravity * (1.0 - math.cos(motion.swing))
+    energy = 0.5 * sum(rate**2 for rate in motion.cable_rate) + gravity * (1.0 + motion.cable[2])
     most = gravity * (1.0 - math.cos(_SWING_SHARE * limits.swing))
-    gain = -motion.swing_rate * math.cos(motion.swing) / limits.cable
-    room = (most - energy) / limits.response
+    gain = -motion.cable_rate[axis] / limits.cable
+    room = (most - energy) / limits.response / limits.axes
     if abs(gain) < 1e-6:
         return -limits.acceleration, limits.acceleration
     bound = _clip(limits, room / gain)

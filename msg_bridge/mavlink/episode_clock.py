@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation
-from sim_nodes.tasks.slung_load import SlungLoad
-
-Array = NDArray[np.float64]
+from msg_bridge.mavlink.flown import FlownTask
+from msg_bridge.mavlink.motion import Motion
 
 
 class EpisodeClock:
@@ -20,17 +18,18 @@ class EpisodeClock:
 
     Parameters
     ----------
-    task : SlungLoad
+    task : FlownTask
     number : int
     start : float
         Vehicle time of the first state [s].
-    state : ndarray of shape (4,)
+    motion : Motion
+        The first.
     """
 
-    def __init__(self, task: SlungLoad, number: int, start: float, state: Array) -> None:
+    def __init__(self, task: FlownTask, number: int, start: float, motion: Motion) -> None:
         self._task = task
         self.number, self.start = number, start
-        self.state, self.step = state, 0
+        self.motion, self.step = motion, 0
         self.time = start
         """Of the newest state [s]."""
         self.answered = -1
@@ -43,7 +42,7 @@ class EpisodeClock:
 
     def first(self) -> Observation:
         """The observation that it begins with."""
-        return Observation(self.number, 0, self.state)
+        return Observation(self.number, 0, self._task.state(self.motion))
 
     def answer(self, step: int, action: int, source: int = -1) -> bool:
         """Take an answer; False when it is older than one that was taken, or of no state yet."""
@@ -62,22 +61,26 @@ class EpisodeClock:
         """Whether the next state should be shown."""
         return now >= self.start + (self.step + 1) * self._task.description.sampling_time - 1e-6
 
-    def advance(self, now: float, state: Array) -> Observation:
-        """The vehicle has come to a state."""
-        before, action = self.state, self._applied()
-        reward, terminated = self._task.judge(before, state)
+    def advance(self, now: float, motion: Motion) -> Observation:
+        """The vehicle has come to another state."""
+        before, action = self.motion, self._applied()
+        reward, terminated = self._task.judge(before, motion)
         step = max(self.step + 1, round((now - self.start) / self._task.description.sampling_time))
-        self.step, self.state, self.time = step, state, now
+        self.step, self.motion, self.time = step, motion, now
         cut = not terminated and step >= self._task.description.episode_steps
         source = self._source if action == self.action else Source.HOLD
-        return Observation(self.number, step, state, reward, action, terminated, cut, source=source)
-
-    def landed(self, now: float, state: Array, action: int, reward: float) -> Observation:
-        """The load is down: the end, with what the task gives for it."""
-        self.step, self.state, self.time = self.step + 1, state, now
         return Observation(
-            self.number, self.step, state, reward, action, True, False, source=self._source
-        )
+            self.number, step, self._task.state(motion), reward, action, terminated, cut,
+            source=source,
+        )  # fmt: skip
+
+    def landed(self, now: float, motion: Motion, reward: float) -> Observation:
+        """The load is down: the end, with what the task gives for it."""
+        self.step, self.motion, self.time = self.step + 1, motion, now
+        return Observation(
+            self.number, self.step, self._task.state(motion), reward, self._task.release, True,
+            False, source=self._source,
+        )  # fmt: skip
 
     def _applied(self) -> int:
         """The action that was in force for the longest part of the step."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.convert import Track
-from msg_bridge.mavlink.envelope import Motion
-from msg_bridge.mavlink.load import Fall, LoadObserver, swing
+from msg_bridge.mavlink.load import Fall, LoadObserver
+from msg_bridge.mavlink.motion import Motion, Vector
 from msg_bridge.mavlink.plausibility import LoadCheck
 from msg_bridge.mavlink.telemetry import Telemetry
 
@@ -23,7 +23,7 @@ _SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the 
 
 
 class StateEstimator:
-    """The vehicle and its load in the task's track.
+    """The vehicle and its load in the task's frame.
 
     Parameters
     ----------
@@ -65,12 +65,12 @@ class StateEstimator:
         t = self._telemetry
         age = min(max(now - t.position_time, 0.0), _FURTHEST)
         along, across, up = self._track.place_here(t.position + t.velocity * age)
-        speed, drift, climb = self._track.here(t.velocity)
-        push = float(self._track.here(t.acceleration)[0])
-        angle, rate = self.load.ahead(push, age)
+        push = self._track.here(t.acceleration)
+        speed, drift, climb = self._track.here(t.velocity) + push * (age, age, 0.0)
+        cable, rate = self.load.ahead(push, age)
         return Motion(
-            float(along), float(speed + push * age), float(across), float(drift),
-            float(up) - self._ground, float(climb), t.tilt, angle, rate,
+            float(along), float(speed), float(across), float(drift), float(up) - self._ground,
+            float(climb), _vector(self._track.here(t.up)), _vector(cable), _vector(rate),
         )  # fmt: skip
 
     def load_age(self, now: float) -> float:
@@ -100,12 +100,9 @@ class StateEstimator:
             )
 
     def let_go(self, motion: Motion, rim: float) -> None:
-        """The load is to fall from now on; `rim` is the plane of the basket below us [m]."""
-        self.fall = Fall(motion.height - rim)
-        self.fall.see(
-            motion.x + self._cable * math.sin(motion.swing),
-            motion.height - self._cable * math.cos(motion.swing),
-        )
+        """The load is to fall from now on; `rim` is the height of the basket's [m]."""
+        self.fall = Fall(rim)
+        self.fall.see(np.array(motion.place) + self._cable * np.array(motion.cable))
 
     def hangs(self) -> bool:
         """Whether the load was last seen on the cable; True when nobody sees it."""
@@ -127,7 +124,7 @@ class StateEstimator:
 
     def _moved(self, change: Array, passed: float) -> None:
         if self.fall is None:
-            self.load.move(float(self._track.here(change)[0]) / passed, passed)
+            self.load.move(self._track.here(change) / passed, passed)
 
     def _load_seen(self) -> None:
         if not self.feed:
@@ -138,8 +135,13 @@ class StateEstimator:
             self._doubt = self._check.see(t.load_time, offset)
             if not self._doubt:
                 self._believed = t.load_time
-                self.load.measure(swing(offset))
+                self.load.measure(offset)
             return
         # The feed and the vehicle are of the same moment here: the offset was made so.
         place = self._track.place_here(t.position + t.velocity * (t.load_time - t.position_time))
-        self.fall.see(float(place[0] + offset[0]), float(place[2] - self._ground + offset[2]))
+        self.fall.see(place + offset - (0.0, 0.0, self._ground))
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

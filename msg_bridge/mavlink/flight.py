@@ -10,16 +10,20 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from math import sqrt
 from typing import Any
 
+from iolspi_ros.errors import InputError
 from msg_bridge.mavlink import setpoints
 from msg_bridge.mavlink.arbiter import Authority, Ruling, Situation, Timeouts, arbitrate
 from msg_bridge.mavlink.convert import Track
-from msg_bridge.mavlink.envelope import Limits, Motion, starts, violation, widened
+from msg_bridge.mavlink.envelope import Limits, starts, violation, widened
 from msg_bridge.mavlink.estimator import StateEstimator
+from msg_bridge.mavlink.flown import check_room, flown
 from msg_bridge.mavlink.guidance import Guidance
 from msg_bridge.mavlink.joystick import SafetyPilot
 from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.motion import Motion
 from msg_bridge.mavlink.payload import Payload
 from msg_bridge.mavlink.phase_machine import Inputs, PhaseMachine
 from msg_bridge.mavlink.phases import Command, Decision, Enter, Phase, Show
@@ -29,7 +33,8 @@ from msg_bridge.mavlink.setpoints import AccelerationSetpoint, PositionSetpoint,
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.settling import NOISE
 from msg_bridge.mavlink.status import AuthorityChange, Outputs, StatusReporter
-from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
+from sim_nodes.tasks.slung_load import SlungLoad
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 
 _CHECKED = (Phase.TRANSIT, Phase.EPISODE, Phase.RELEASE, Phase.BRAKE, Phase.RELOAD)
 _BEATS = 3.0  # an autopilot with nothing but heartbeats was heard so lately [s]
@@ -42,7 +47,7 @@ class Flight:
 
     Parameters
     ----------
-    task : SlungLoad
+    task : SlungLoad or SlungLoad3D
     link : AutopilotLink
     profile : AutopilotProfile
     settings : FlightSettings
@@ -51,11 +56,16 @@ class Flight:
     outputs : Outputs
     release_output : int, optional
         Which output of the autopilot lets the load go: see `Payload`.
+
+    Raises
+    ------
+    InputError
+        When the task does not fit into the envelope.
     """
 
     def __init__(
         self,
-        task: SlungLoad,
+        task: SlungLoad | SlungLoad3D,
         link: AutopilotLink,
         profile: AutopilotProfile,
         settings: FlightSettings,
@@ -65,13 +75,16 @@ class Flight:
         release_output: int | None = None,
     ) -> None:
         self.link, self.profile = link, profile
-        # What the learner may do leaves room for a bridge that dies at the worst moment.
+        known = flown(task, settings)
+        # What the learner may do leaves room for a bridge that dies at the worst moment. What the
+        # vehicle brakes with is shared by the axes, when it flies fast along both.
         limits = replace(
             limits,
             held=max(limits.held, profile.held),
             leaning=max(limits.leaning, profile.leaning),
-            braking=min(limits.braking, profile.stopping),
+            braking=min(limits.braking, profile.stopping) / sqrt(known.axes),
         )
+        check_room(known, settings, widened(limits, profile.noise))
         self.limits, self.timeouts = limits, timeouts
         self.rate = settings.rate
         self._outputs = outputs
@@ -80,9 +93,9 @@ class Flight:
         self._estimator = StateEstimator(
             link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
         )
-        self._machine = PhaseMachine(task, settings, stream_first=profile.stream_first)
-        self._payload = Payload(task, link, profile, settings, self._estimator, release_output)
-        self._guidance = Guidance(task, profile, settings, limits, self._estimator)
+        self._machine = PhaseMachine(known, settings, stream_first=profile.stream_first)
+        self._payload = Payload(known, link, profile, settings, self._estimator, release_output)
+        self._guidance = Guidance(known, profile, settings, limits, self._estimator)
         self._widen()
         self._check = VehicleCheck()
         self._lock = threading.RLock()
@@ -192,11 +205,30 @@ class Flight:
         """
         with self._lock:
             self._estimator.check_feed()
+            if not self.link.telemetry.armed:
+                self._check_place()
 
-    def reset(self, now: float, task: SlungLoad, settings: FlightSettings) -> None:
+    def _check_place(self) -> None:
+        """Refuse to take off outside the box.
+
+        Raises
+        ------
+        InputError
+            Where it stands, and what is allowed.
+        """
+        for name, place, (low, high) in zip(
+            ("x", "y"), self._estimator.place(), self.limits.sides, strict=False
+        ):
+            if not low <= place <= high:
+                raise InputError(
+                    f"it stands at {name} = {place:.1f} m, outside the box of {low:g} to "
+                    f"{high:g} m; allowed: inside, or another origin (--bridge origin=[east,north])"
+                )
+
+    def reset(self, now: float, task: SlungLoad | SlungLoad3D, settings: FlightSettings) -> None:
         """Count episodes and draw initial positions from the beginning."""
         with self._lock:
-            self._do(self._machine.reset(now, task, settings), now)
+            self._do(self._machine.reset(now, flown(task, settings), settings), now)
 
     def begin(self, now: float) -> None:
         """Take off, as soon as the vehicle lets us."""
@@ -220,7 +252,8 @@ class Flight:
         with self._lock:
             if not self._machine.answer(number, step, action, source):
                 return False
-            if action == RELEASE and self._arbitrate(now).authority is Authority.ACTOR:
+            released = action == self._machine.task.release
+            if released and self._arbitrate(now).authority is Authority.ACTOR:
                 self._do(self._machine.release(now, self._motion), now)
             self._fly(now)
             return True
@@ -269,10 +302,11 @@ class Flight:
         self._tell_change(now)
         wanted = self._guidance.setpoint(
             self._ruling.authority, self._machine.phase, self._motion, wanted=self._wanted(),
-            target=self._machine.target, stick=self._pilot.stick or 0.0, dt=max(dt, 1e-3),
+            target=self._machine.target, stick=self._pilot.stick or (0.0, 0.0), dt=max(dt, 1e-3),
         )  # fmt: skip
         if isinstance(wanted, AccelerationSetpoint):
-            self._check.ask(now, wanted.along, self._motion.speed)
+            axes = self._machine.task.axes
+            self._check.ask(now, wanted[:axes], self._motion.velocity[:axes])
         else:
             self._check.asked_nothing()
         if wanted is not None:
@@ -375,12 +409,13 @@ class Flight:
         """Leave as much room to the walls as the noise of the position asks for."""
         noise = max(self.profile.noise, float(self._machine.settling.noise[0]))
         self._guidance.limits = widened(self.limits, noise)
-        self._machine.starts = starts(self._guidance.limits)
+        limits = self._guidance.limits
+        self._machine.starts = tuple(starts(limits, axis) for axis in range(limits.axes))
 
-    def _wanted(self) -> float:
-        """Acceleration of the action in force [m/s²]."""
+    def _wanted(self) -> tuple[float, ...]:
+        """Accelerations of the action in force [m/s²]."""
         task, episode = self._machine.task.description, self._machine.episode
-        return task.actions[task.neutral if episode is None else episode.action].value[0]
+        return task.actions[task.neutral if episode is None else episode.action].value
 
     def _send(self, setpoint: Setpoint, now: float) -> None:
         if isinstance(setpoint, AccelerationSetpoint | PositionSetpoint):

@@ -21,6 +21,10 @@ class SafetyPilotSettings(Settings):
     )
     takeover_axis: int = setting(0, "axis of the stick that then gives the speed", low=0)
     takeover_inverted: bool = setting(True, "whether the axis' positive end (left) is backwards")
+    takeover_left_axis: int = setting(
+        -1, "of a flight in two axes: axis of the stick that gives the speed in y, its positive "
+        "end to +y; -1 for none", low=-1,
+    )  # fmt: skip
 
 
 class SafetyPilot(NamedTuple):
@@ -30,14 +34,14 @@ class SafetyPilot(NamedTuple):
     ----------
     deadman : bool
         Lets the learner fly.
-    stick : float or None
-        -1 to 1 while the person flies.
+    stick : (float, float) or None
+        Along x and y, each -1 to 1, while the person flies.
     paused : bool
         Has asked to wait.
     """
 
     deadman: bool = True
-    stick: float | None = None
+    stick: tuple[float, float] | None = None
     paused: bool = False
 
 
@@ -64,6 +68,10 @@ def read_joystick(
     deadman = settings.deadman_button < 0 or (fresh and held(settings.deadman_button))
     if not held(settings.takeover_button):
         return SafetyPilot(deadman, None)
-    value = axes[settings.takeover_axis] if settings.takeover_axis < len(axes) and fresh else 0.0
-    value = max(-1.0, min(float(value), 1.0)) if value == value else 0.0  # NaN says nothing
-    return SafetyPilot(deadman, -value if settings.takeover_inverted else value)
+
+    def deflection(axis: int) -> float:
+        value = float(axes[axis]) if 0 <= axis < len(axes) and fresh else 0.0
+        return max(-1.0, min(value, 1.0)) if value == value else 0.0  # NaN says nothing
+
+    ahead = deflection(settings.takeover_axis) * (-1.0 if settings.takeover_inverted else 1.0)
+    return SafetyPilot(deadman, (ahead, deflection(settings.takeover_left_axis)))

@@ -12,14 +12,17 @@ from sim_nodes.tasks.base import G
 Array = NDArray[np.float64]
 
 _STEP = 0.02  # longest step of the integration [s]
+_UPWARDS = np.array([0.0, 0.0, G])
 
 
 class LoadObserver:
-    """Angle and rate of the cable, by an extended Kalman filter on T Eq. 18.
+    """Where the cable points to, by an extended Kalman filter on the spherical pendulum.
 
     It is carried along by the quadrotor's changes of velocity, which telemetry measures, and
-    pulled to the angle that a feed measures. Without a feed it is the swing that a load would
-    have which hung still at `still`; a slight damping lets what was not known of it fade.
+    pulled to the direction that a feed measures. Without a feed it is the swing that a load would
+    have which hung still at `still`; a slight damping lets what was not known of it fade. In one
+    plane it is T Eq. 18. Both ways in which the cable can turn are as uncertain as each other, so
+    one covariance, of an angle and its rate, stands for both.
 
     Parameters
     ----------
@@ -31,6 +34,11 @@ class LoadObserver:
         Standard deviation of accelerations that nobody measures, per sqrt(Hz) [m/s²].
     damping : float
         [1/s].
+
+    Attributes
+    ----------
+    direction, rate : ndarray of shape (3,)
+        Unit vector from the quadrotor to the load, and its rate [1/s].
 
     References
     ----------
@@ -50,45 +58,57 @@ class LoadObserver:
 
     def still(self) -> None:
         """The load hangs still, as far as we know."""
-        self.angle, self.rate = 0.0, 0.0
+        self.direction, self.rate = np.array([0.0, 0.0, -1.0]), np.zeros(3)
         self._covariance = np.diag([0.05**2, 0.1**2])
 
-    def move(self, acceleration: float, dt: float) -> None:
-        """Let time pass while the quadrotor accelerates along the track [m/s²], [s]."""
+    def move(self, acceleration: Array, dt: float) -> None:
+        """Let time pass while the quadrotor accelerates [m/s²], shape (3,), for some time [s]."""
         n = max(1, math.ceil(dt / _STEP))
         for _ in range(n):
             self._advance(acceleration, dt / n)
 
-    def _advance(self, a: float, h: float) -> None:
-        sine, cosine = math.sin(self.angle), math.cos(self.angle)
-        stiffness = (a * sine - G * cosine) / self._cable
+    def _advance(self, acceleration: Array, h: float) -> None:
+        """A step: u'' = -|u'|² u - (b - (b · u) u) / L - c u', with b = a + g upwards."""
+        u, pull = self.direction, acceleration + _UPWARDS
+        stiffness = float(pull @ u) / self._cable
         jacobian = np.array([[1.0, h], [stiffness * h, 1.0 - self._damping * h]])
-        change = -(cosine * a + sine * G) / self._cable - self._damping * self.rate
-        self.rate += change * h
-        self.angle += self.rate * h
+        self.rate = self.rate + h * (stiffness * u - pull / self._cable - self._damping * self.rate)
+        self._turn(h)
         self._covariance = jacobian @ self._covariance @ jacobian.T
         self._covariance[1, 1] += self._gust * h
 
-    def measure(self, angle: float) -> None:
-        """Take an angle that was measured [rad]."""
+    def _turn(self, h: float) -> None:
+        """Turn by the rate for a time [s]: along a great circle, so it stays a unit vector."""
+        u = self.direction
+        self.rate = self.rate - float(self.rate @ u) * u
+        speed = float(np.linalg.norm(self.rate))
+        if speed > 0.0:
+            sine, cosine = math.sin(speed * h), math.cos(speed * h)
+            self.direction = cosine * u + sine / speed * self.rate
+            self.rate = cosine * self.rate - speed * sine * u
+
+    def measure(self, offset: Array) -> None:
+        """Take where the load was measured to be from the quadrotor [m], shape (3,)."""
+        u = self.direction
         gain = self._covariance[:, 0] / (self._covariance[0, 0] + self._noise)
-        error = angle - self.angle
-        self.angle += float(gain[0]) * error
-        self.rate += float(gain[1]) * error
+        axis = np.cross(u, offset)
+        size = float(np.linalg.norm(axis))
+        angle = math.atan2(size, float(u @ offset))
+        if size > 0.0:
+            error = angle * np.cross(axis / size, u)
+            rate = self.rate + float(gain[1]) * error
+            self.rate = float(gain[0]) * error
+            self._turn(1.0)
+            self.rate = rate - float(rate @ self.direction) * self.direction
         self._covariance -= np.outer(gain, self._covariance[0])
 
-    def ahead(self, acceleration: float, dt: float) -> tuple[float, float]:
-        """Angle and rate a moment later, nothing kept."""
-        kept = self.angle, self.rate, self._covariance.copy()
+    def ahead(self, acceleration: Array, dt: float) -> tuple[Array, Array]:
+        """Direction and rate a moment later, nothing kept."""
+        kept = self.direction, self.rate, self._covariance.copy()
         self.move(acceleration, dt)
-        result = self.angle, self.rate
-        self.angle, self.rate, self._covariance = kept
+        result = self.direction, self.rate
+        self.direction, self.rate, self._covariance = kept
         return result
-
-
-def swing(offset: Array) -> float:
-    """Angle of the cable [rad] from (along, across, up) of the load, from the quadrotor [m]."""
-    return math.atan2(float(offset[0]), -float(offset[2]))
 
 
 class Fall:
@@ -102,18 +122,18 @@ class Fall:
 
     def __init__(self, plane: float) -> None:
         self.plane = plane
-        self._before: tuple[float, float] | None = None
-        self.landing: float | None = None
-        """x where it crossed the plane from above [m]; None as long as it has not."""
+        self._before: Array | None = None
+        self.landing: Array | None = None
+        """(along, across) where it crossed the plane from above [m]; None as long as it has not."""
         self.lowest = math.inf
         """Least height seen [m]."""
 
-    def see(self, x: float, height: float) -> None:
-        """Take the load's position [m]."""
-        before, self._before = self._before, (x, height)
-        self.lowest = min(self.lowest, height)
+    def see(self, place: Array) -> None:
+        """Take the load's position: along, across, height [m]."""
+        before, self._before = self._before, place
+        self.lowest = min(self.lowest, float(place[2]))
         if before is None or self.landing is not None:
             return
-        if before[1] >= self.plane > height:
-            part = (before[1] - self.plane) / (before[1] - height)
-            self.landing = before[0] + part * (x - before[0])
+        if before[2] >= self.plane > place[2]:
+            part = (before[2] - self.plane) / (before[2] - place[2])
+            self.landing = (before + part * (place - before))[:2]

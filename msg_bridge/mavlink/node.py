@@ -27,6 +27,7 @@ from msg_bridge.mavlink.clock import VehicleClock
 from msg_bridge.mavlink.codec import read_key
 from msg_bridge.mavlink.envelope import Limits
 from msg_bridge.mavlink.flight import Flight
+from msg_bridge.mavlink.flown import TASKS, flown, warm_up
 from msg_bridge.mavlink.joystick import SafetyPilotSettings, read_joystick
 from msg_bridge.mavlink.link import AutopilotLink
 from msg_bridge.mavlink.memory import Memory
@@ -38,7 +39,6 @@ from msg_bridge.mavlink.signing import open_book
 from msg_bridge.mavlink.status import AuthorityChange, Outputs
 from msg_bridge.mavlink.telemetry import Telemetry
 from msg_bridge.mavlink.transport import open_url
-from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
 AUTHORITY = (*wire.KEY, "phase", "authority")
 CHANGEABLE = ("order", "seed", "episodes", "initial")
@@ -51,7 +51,7 @@ _PARTING = 1.0  # for the last words to an autopilot in flight [s]
 class BridgeSettings(Settings):
     """What the node adds to the flight."""
 
-    task: str = setting("slung_load", "the task that is flown", choices=("slung_load",))
+    task: str = setting("slung_load", "the task that is flown", choices=tuple(TASKS))
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,16 @@ class Bridge(ManagedNode):
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("bridge", arguments)
         self.settings = parameters.declare(self, BridgeSettings)
-        classes = (LinkSettings, FlightSettings, Limits, Timeouts, SafetyPilotSettings, SlungLoad)
+        self._task_class = TASKS[self.settings.task]
+        classes = (
+            LinkSettings, FlightSettings, Limits, Timeouts, SafetyPilotSettings, self._task_class,
+        )  # fmt: skip
         for cls in classes:
             names = tuple(field.name for field in fields(cls) if field.name in CHANGEABLE)
             parameters.declare(self, cls, names)
         parameters.check_changes(self, *classes)
         parameters.warn_unknown(self)
-        self.task = parameters.read(self, SlungLoad)
+        self.task = parameters.read(self, self._task_class)
         self._joystick = parameters.read(self, SafetyPilotSettings)
         self._timeouts = parameters.read(self, Timeouts)
         self._link: AutopilotLink | None = None
@@ -97,7 +100,7 @@ class Bridge(ManagedNode):
         self.create_service(Trigger, "~/land", self._on_land)
         runtime.wall_timer(self, 0.05, self._look_after)
         runtime.wall_timer(self, 1.0, self._diagnose)
-        _warm_up(self.task)
+        warm_up(flown(self.task, parameters.read(self, FlightSettings)))
 
     def close(self) -> None:
         """Land if in the air, and give the autopilot its parameters back."""
@@ -274,7 +277,7 @@ class Bridge(ManagedNode):
             return response
         try:
             settings = parameters.read(self, FlightSettings)
-            self.task = parameters.read(self, SlungLoad)
+            self.task = parameters.read(self, self._task_class)
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
@@ -324,13 +327,6 @@ def _status(
         hardware_id=hardware,
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )
-
-
-def _warm_up(task: SlungLoad) -> None:
-    """Compile what is needed in flight: the first call takes seconds."""
-    state = task.initial_states()[0]
-    task.step(state, RELEASE)
-    task.judge(state, state)
 
 
 def main() -> int:

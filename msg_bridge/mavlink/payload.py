@@ -6,19 +6,14 @@ from collections import Counter
 from enum import StrEnum
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from msg_bridge.mavlink.envelope import Motion
 from msg_bridge.mavlink.estimator import StateEstimator
+from msg_bridge.mavlink.flown import FlownTask
 from msg_bridge.mavlink.gripper import MOVED, Gripper
 from msg_bridge.mavlink.link import AutopilotLink
+from msg_bridge.mavlink.motion import Motion
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.settings import FlightSettings
-from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
-
-Array = NDArray[np.float64]
 
 _LONGEST = 2.0  # that a load is watched after it was let go [s]
 _PATIENCE = 5.0  # before a person is told that no load comes [s]
@@ -63,7 +58,7 @@ class Payload:
 
     Parameters
     ----------
-    task : SlungLoad
+    task : FlownTask
     link : AutopilotLink
     profile : AutopilotProfile
     settings : FlightSettings
@@ -74,7 +69,7 @@ class Payload:
 
     def __init__(
         self,
-        task: SlungLoad,
+        task: FlownTask,
         link: AutopilotLink,
         profile: AutopilotProfile,
         settings: FlightSettings,
@@ -86,7 +81,7 @@ class Payload:
         self._gripper = Gripper(link, profile, settings)
         self._output, self._width = output, 0
         self._since = 0.0
-        self._released: Array = np.zeros(4)
+        self._released = Motion()
         self.releases: Counter[Seen] = Counter()
         """How often what was seen of a release that was acknowledged, or of one that failed."""
 
@@ -95,8 +90,8 @@ class Payload:
         self._width = self._pulse
         self._gripper.turn(open_it=True, now=now)
         self._since = now
-        self._released = np.array([motion.x, motion.speed, motion.swing, motion.swing_rate])
-        self._estimator.let_go(motion, self._task.rim)
+        self._released = motion
+        self._estimator.let_go(motion, self._task.rim(motion))
 
     def reload(self, now: float) -> None:
         """Shut the gripper: a simulator hangs a new load there, as a person would."""
@@ -153,7 +148,7 @@ class Payload:
             answered = self._gripper.result() is not None and not self._gripper.refusal(now)
             if not (answered and self._moved):
                 return None
-            return float(self._task.step(self._released, RELEASE)[1])
+            return self._task.dropped(self._released)
         if fall is None or self._estimator.hangs():
             return None
         if fall.landing is None and fall.lowest > fall.plane:

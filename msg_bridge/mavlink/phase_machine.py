@@ -6,22 +6,21 @@ before (`arbiter`), where to fly after (`guidance`).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iolspi_ros.core.samples import Observation
 from msg_bridge.mavlink.arbiter import Authority
-from msg_bridge.mavlink.envelope import Motion
 from msg_bridge.mavlink.episode_clock import EpisodeClock
+from msg_bridge.mavlink.flown import FlownTask
+from msg_bridge.mavlink.motion import Motion, Vector
 from msg_bridge.mavlink.payload import PayloadReport
 from msg_bridge.mavlink.phases import Command, Decision, Enter, Level, Phase, Show, Tell
 from msg_bridge.mavlink.settings import FlightSettings
 from msg_bridge.mavlink.settling import Settling
-from sim_nodes.tasks.slung_load import RELEASE, SlungLoad
 
-Array = NDArray[np.float64]
 _AGAIN = 1.0  # between two requests of the same [s]
 _CLIMB_AGAIN = 8.0  # between two requests to take off: a lift-off takes seconds [s]
 _STOPPED = 0.3  # a vehicle below this has stopped [m/s]
@@ -64,33 +63,33 @@ class PhaseMachine:
 
     Parameters
     ----------
-    task : SlungLoad
+    task : FlownTask
     settings : FlightSettings
     stream_first : bool
         The autopilot climbs by setpoints, not by a command.
     """
 
-    def __init__(self, task: SlungLoad, settings: FlightSettings, *, stream_first: bool) -> None:
+    def __init__(self, task: FlownTask, settings: FlightSettings, *, stream_first: bool) -> None:
         self.task, self.settings, self._stream_first = task, settings, stream_first
         self.phase = Phase.IDLE
         self.episode: EpisodeClock | None = None
         self.number = -1
         self.flown = self.abandoned = 0
-        self.target = 0.0
-        """x of the next initial condition [m]."""
-        self.starts = -np.inf, np.inf
-        """Between which it is kept [m]: the task's own may be too near to a wall."""
+        self.target: Vector = (0.0, 0.0, settings.height)
+        """x, y and height of the next initial condition [m]."""
+        self.starts: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),) * task.axes
+        """Between which it is kept along each axis [m]: the task's own may be too near a wall."""
         self.landing_reason = ""
         self.unanswered = 0.0
         """For how long nobody has answered an episode [s]."""
-        self.settling = Settling(settings)
+        self.settling = Settling(settings, task.axes)
         self.waits_for = ""
         """What keeps the next episode from beginning, for people."""
         self._restless = 0
         self._since = self._asked = self._probe = 0.0
         self._begun = 0
         self._ours = False
-        self._released: Array = np.zeros(4)
+        self._released = Motion()
         self._rng = np.random.default_rng([settings.seed, 3])
         self._decisions: list[Decision] = []
         self._handlers = {
@@ -110,7 +109,7 @@ class PhaseMachine:
 
     # ------------------------------------------------------------ told from outside
 
-    def reset(self, now: float, task: SlungLoad, settings: FlightSettings) -> list[Decision]:
+    def reset(self, now: float, task: FlownTask, settings: FlightSettings) -> list[Decision]:
         """Count episodes and draw initial positions from the beginning."""
         self.task, self.settings = task, settings
         self._rng = np.random.default_rng([settings.seed, 3])
@@ -145,7 +144,7 @@ class PhaseMachine:
 
     def release(self, now: float, motion: Motion) -> list[Decision]:
         """Let the load go: the action in force says so."""
-        self._released = _state(motion)
+        self._released = motion
         self._decisions.append(Command.RELEASE)
         self._enter(Phase.RELEASE, now)
         return self._taken()
@@ -215,12 +214,12 @@ class PhaseMachine:
         elif settled.expired and settled.waits_for:
             self._elsewhere(i.now)
         elif settled.waits_for:
-            self._tell("delay", f"settling at x = {self.target:.1f} m: {settled.waits_for}")
+            self._tell("delay", f"settling at {self._where}: {settled.waits_for}")
 
     def _elsewhere(self, now: float) -> None:
         """It does not come to rest here: try another start, and give up after some."""
         self._restless += 1
-        why = f"no rest at x = {self.target:.1f} m in {self.settings.settle_timeout:g} s"
+        why = f"no rest at {self._where} in {self.settings.settle_timeout:g} s"
         self._tell("warning", f"{why}: {self.waits_for}")
         if self._restless >= _RESTLESS:
             why = f"it did not come to rest at {_RESTLESS} starts; last: {self.waits_for}"
@@ -233,14 +232,14 @@ class PhaseMachine:
     def _in_episode(self, i: Inputs) -> None:
         if self.episode is None or not self.episode.due(i.now):
             return
-        observation = self.episode.advance(i.now, _state(i.motion))
+        observation = self.episode.advance(i.now, i.motion)
         self._show(observation, i.now)
         if observation.last:
             self._ended(i.now)
 
     def _releasing(self, i: Inputs) -> None:
         if i.payload.reward is not None and self.episode is not None:
-            end = self.episode.landed(i.now, self._released, RELEASE, i.payload.reward)
+            end = self.episode.landed(i.now, self._released, i.payload.reward)
             self._show(end, i.now)
             self._ended(i.now)
         elif i.payload.failure:
@@ -248,7 +247,7 @@ class PhaseMachine:
             self._give_up(i.now)
 
     def _braking(self, i: Inputs) -> None:
-        if abs(i.motion.speed) >= _STOPPED or i.now - self._since <= _STILL:
+        if self._fast(i.motion) or i.now - self._since <= _STILL:
             return
         if i.payload.gone:
             self._decisions.append(Command.RELOAD)
@@ -281,19 +280,29 @@ class PhaseMachine:
             self.target = self._draw()
         self._enter(Phase.TRANSIT, now)
 
-    def _draw(self) -> float:
-        return float(np.clip(self._drawn(), *self.starts))
+    def _draw(self) -> Vector:
+        swept = self.settings.order == "sweep"
+        x, y, height = self.task.sweep(self._begun) if swept else self.task.draw_start(self._rng)
+        kept = [
+            min(max(place, low), high)
+            for place, (low, high) in zip((x, y), self.starts, strict=False)
+        ]
+        return kept[0], (kept[1] if len(kept) > 1 else y), height
 
-    def _drawn(self) -> float:
-        if self.settings.order == "sweep":
-            places = np.unique(self.task.initial_states()[:, 0])
-            return float(places[self._begun % len(places)])
-        return float(self.task.draw_initial(self._rng)[0])
+    @property
+    def _where(self) -> str:
+        """The start that it flies to, in words."""
+        names = zip(("x", "y"), self.target[: self.task.axes], strict=False)
+        return ", ".join(f"{name} = {place:.1f} m" for name, place in names)
+
+    def _fast(self, m: Motion) -> bool:
+        """Whether it still moves along an axis of the task."""
+        return math.hypot(*m.velocity[: self.task.axes]) >= _STOPPED
 
     def _start(self, i: Inputs) -> None:
         self.number += 1
         self._probe = 0.0
-        self.episode = EpisodeClock(self.task, self.number, i.now, _state(i.motion))
+        self.episode = EpisodeClock(self.task, self.number, i.now, i.motion)
         self._decisions.append(Command.START_EPISODE)
         self._enter(Phase.EPISODE, i.now)
         self._show(self.episode.first(), i.now)
@@ -345,7 +354,3 @@ class PhaseMachine:
     def _taken(self) -> list[Decision]:
         taken, self._decisions = self._decisions, []
         return taken
-
-
-def _state(m: Motion) -> Array:
-    return np.array([m.x, m.speed, m.swing, m.swing_rate])

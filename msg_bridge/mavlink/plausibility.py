@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ class VehicleCheck:
         self._since = math.nan
         self._same = 0
         self._jumped = 0.0
-        self._asked: deque[tuple[float, float, float]] = deque()
+        self._asked: deque[tuple[float, Sequence[float], Sequence[float]]] = deque()
 
     def forget(self) -> None:
         """What was before has nothing to do with what comes: a restart, or another hand."""
@@ -94,8 +95,8 @@ class VehicleCheck:
         while time - self._samples[0].time > _WINDOW:
             self._samples.popleft()
 
-    def ask(self, now: float, acceleration: float, speed: float) -> None:
-        """An acceleration was asked for [m/s²], at a speed along the same line [m/s]."""
+    def ask(self, now: float, acceleration: Sequence[float], speed: Sequence[float]) -> None:
+        """Accelerations were asked for along each axis [m/s²], at speeds along the same [m/s]."""
         if self._asked and now - self._asked[-1][0] > _PAUSE:
             self._asked.clear()
         self._asked.append((now, acceleration, speed))
@@ -133,15 +134,21 @@ class VehicleCheck:
         """
         if not self._asked or self._asked[-1][0] - self._asked[0][0] < _HELD:
             return ""
-        now, asked, speed = self._asked[-1]
-        wanted = [a for when, a, _ in self._asked if now - when <= _HELD]
+        axes = range(len(self._asked[-1][1]))
+        return next((why for axis in axes if (why := self._ignored(axis))), "")
+
+    def _ignored(self, axis: int) -> str:
+        now, asked, speed = self._asked_along(axis)[-1]
+        wanted = [a for when, a, _ in self._asked_along(axis) if now - when <= _HELD]
         if math.copysign(1.0, min(wanted)) != math.copysign(1.0, max(wanted)):
             return ""
         least = min(map(abs, wanted))
         if least < _WEAK:
             return ""
         side = math.copysign(1.0, asked)
-        begun, _, before = next(entry for entry in self._asked if now - entry[0] <= _EFFECT)
+        begun, _, before = next(
+            entry for entry in self._asked_along(axis) if now - entry[0] <= _EFFECT
+        )
         # Towards a velocity the air holds it back; away from one it helps.
         lost = _DRAG * max(side * before, side * speed, 0.0) + _WIND
         expected = (least - lost) * (now - begun) - _NOISE
@@ -152,6 +159,9 @@ class VehicleCheck:
             f"asked to accelerate by {asked:.1f} m/s² its velocity has changed by "
             f"{side * changed:.1f} m/s in {now - begun:.1f} s"
         )
+
+    def _asked_along(self, axis: int) -> list[tuple[float, float, float]]:
+        return [(when, push[axis], speed[axis]) for when, push, speed in self._asked]
 
 
 class LoadCheck:

@@ -1,4 +1,4 @@
-"""What is asked of the autopilot, in the task's track, and the packet that says so."""
+"""What is asked of the autopilot, in the task's frame, and the packet that says so."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def packet(
 
 
 class Integral:
-    """Accelerations along the track summed up to velocities, for profiles that want those.
+    """Accelerations along one axis summed up to velocities, for profiles that want those.
 
     It never runs ahead of the vehicle by more than `lead`: what it cannot fly is not saved up.
     """

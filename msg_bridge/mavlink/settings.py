@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from iolspi_ros.errors import InputError
@@ -14,10 +15,10 @@ class FlightSettings(Settings):
 
     height: float = setting(5.0, "above the take-off point [m]", low=0.5, high=120.0)
     heading: float = setting(
-        0.0, "direction of the track's +x, counter-clockwise from east [rad]", low=-7.0, high=7.0
+        0.0, "direction of the task's +x, counter-clockwise from east [rad]", low=-7.0, high=7.0
     )
     origin: tuple[float, ...] = setting(
-        (0.0, 0.0), "east and north of x = 0, from the autopilot's origin [m]"
+        (0.0, 0.0), "east and north of the task's origin, from the autopilot's [m]"
     )
     rate: float = setting(50.0, "setpoints a second of vehicle time", low=5.0, high=400.0)
     setpoints: str = setting(
@@ -64,8 +65,10 @@ class FlightSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.origin) != 2:
-            raise InputError(f"origin is {list(self.origin)}; allowed: east and north [m]")
+        if len(self.origin) != 2 or not all(map(math.isfinite, self.origin)):
+            raise InputError(
+                f"origin is {list(self.origin)}; allowed: east and north [m], two finite numbers"
+            )
 
 
 @dataclass(frozen=True)

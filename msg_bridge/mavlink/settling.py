@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.mavlink.envelope import Motion
+from msg_bridge.mavlink.motion import Motion, Vector
 from msg_bridge.mavlink.settings import FlightSettings
 
 Array = NDArray[np.float64]
@@ -58,15 +58,17 @@ class Settling:
     Parameters
     ----------
     settings : FlightSettings
+    axes : int
+        Along how many it has to be at rest; across a single one only its distance is looked at.
 
     Attributes
     ----------
     noise : ndarray of shape (4,)
-        Robust standard deviations of those; zero until they were measured.
+        Robust standard deviations of those, of the noisiest axis; zero until they were measured.
     """
 
-    def __init__(self, settings: FlightSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: FlightSettings, axes: int = 1) -> None:
+        self._settings, self._axes = settings, axes
         self.noise: Array = np.zeros(4)
         self._samples: deque[tuple[float, Array]] = deque()
         self.begin(0.0)
@@ -88,23 +90,24 @@ class Settling:
         least = np.array([*_LEAST, swing, 3.0 * swing])
         return np.maximum(least, np.minimum(_WITHIN * self.noise, _MOST))
 
-    def see(self, now: float, target: float, m: Motion) -> Settled:
+    def see(self, now: float, target: Vector, m: Motion) -> Settled:
         """Take where everything is; how it stands.
 
         Parameters
         ----------
         now : float
             [s]
-        target : float
-            x of the start [m].
+        target : tuple of float
+            x, y and height of the start [m].
         m : Motion
         """
         if now - self._seen > _INTERRUPTED:
             self.begin(now)
         self._seen = now
-        errors = np.array([m.x - target, m.speed, m.swing, m.swing_rate])
+        errors = np.array([m.plane(axis) for axis in range(self._axes)])
+        errors[:, 0] -= target[: self._axes]
         self._measure(now, errors)
-        waits_for = self._lacking(errors, m)
+        waits_for = self._lacking(errors, m, target)
         if waits_for:
             self._moving = now
         return Settled(
@@ -113,28 +116,28 @@ class Settling:
             now - self._begun > self._settings.settle_timeout,
         )
 
-    def _lacking(self, errors: Array, m: Motion) -> str:
+    def _lacking(self, errors: Array, m: Motion, target: Vector) -> str:
         words = [
-            f"{name} {error:.2f} {unit} (tolerance {most:.2f})"
-            for name, unit, error, most in zip(_NAMES, _UNITS, errors, self.tolerances, strict=True)
+            f"{name}{where} {error:.2f} {unit} (tolerance {most:.2f})"
+            for where, row in zip(("", " in y"), errors, strict=False)
+            for name, unit, error, most in zip(_NAMES, _UNITS, row, self.tolerances, strict=True)
             if not abs(error) < most
         ]
-        if not abs(m.across) < _ACROSS:
+        if self._axes == 1 and not abs(m.across) < _ACROSS:
             words.append(f"distance from the track {m.across:.2f} m (tolerance {_ACROSS})")
-        if not abs(m.height - self._settings.height) < _HEIGHT:
-            off = m.height - self._settings.height
-            words.append(f"height {off:.2f} m off (tolerance {_HEIGHT})")
+        if not abs(m.height - target[2]) < _HEIGHT:
+            words.append(f"height {m.height - target[2]:.2f} m off (tolerance {_HEIGHT})")
         return ", ".join(words)
 
     def _measure(self, now: float, errors: Array) -> None:
         """Take the noise from how it moves where it should be at rest."""
-        if not (abs(errors[0]) < _NEAR[0] and abs(errors[1]) < _NEAR[1]):
+        if not (np.abs(errors[:, :2]) < _NEAR).all():
             self._far = now
             self._samples.clear()
         if now - self._far < _CALM:
             return
         if not self._samples or now - self._samples[-1][0] >= _PERIOD - 1e-9:
-            self._samples.append((now, errors))
+            self._samples.append((now, errors.ravel()))
         while now - self._samples[0][0] > _MEMORY:
             self._samples.popleft()
         if now - self._samples[0][0] >= _ENOUGH:
@@ -143,4 +146,5 @@ class Settling:
             creep = np.vander(times, 2)  # what comes to rest slowly is no noise
             rest = values - creep @ np.linalg.lstsq(creep, values)[0]
             rest -= np.median(rest, axis=0)
-            self.noise = _MAD * np.median(np.abs(rest), axis=0)
+            spread = np.median(np.abs(rest), axis=0).reshape(errors.shape)
+            self.noise = _MAD * spread.max(axis=0)

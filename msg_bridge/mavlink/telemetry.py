@@ -42,6 +42,8 @@ class Telemetry:
         Whose messages count; all others are only noted in `strangers`.
     uid, version : str
         Of AUTOPILOT_VERSION: its unique number, empty for none, None as long as it was not said.
+    up : ndarray of shape (3,)
+        Where the rotors' axis points to.
     outputs : tuple of int
         Widths of pulse of its outputs from the first on [µs].
     jump_time, jump : float, str
@@ -64,7 +66,7 @@ class Telemetry:
     velocity: Array = field(default_factory=lambda: np.full(3, np.nan))
     acceleration: Array = field(default_factory=lambda: np.zeros(3))
     position_time: float = NEVER
-    tilt: float = 0.0
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     flags: int | None = None
     lost_time: float = math.inf
     round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=3))
@@ -182,8 +184,8 @@ class Telemetry:
             self._skew += _FOLLOW * change
 
     def _attitude(self, message: Any, now: float) -> None:
-        if math.isfinite(message.roll) and math.isfinite(message.pitch):
-            self.tilt = convert.tilt(message)
+        if all(map(math.isfinite, (message.roll, message.pitch, message.yaw))):
+            self.up = convert.upwards(message)
 
     def _global(self, message: Any, now: float) -> None:
         self._globe, self._globe_time = message, now

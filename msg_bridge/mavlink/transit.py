@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from msg_bridge.mavlink.envelope import Motion
+from msg_bridge.mavlink.motion import Motion, Plane
 from sim_nodes.tasks.base import G
 
+_NEAR, _SLOW = 1.5, 0.5  # from here on, what pushes it aside all the time is made up for [m, m/s]
+_INTEGRAL = 0.2  # [1/s³]
+_STEADY = 1.0  # at most [m/s²]
 _LEAD = 2.0  # the regulator never sees the target further away than this [m]: it bounds the speed
 
 
 class Transit:
-    """Accelerations along and across the track that lead to a place.
+    """Accelerations along one axis that lead to a place.
 
     Parameters
     ----------
@@ -35,18 +38,20 @@ class Transit:
         effort = np.array([[1.0]])
         riccati = solve_continuous_are(dynamics, drive, cost, effort)
         self._gains = (drive.T @ riccati)[0]
-        self._acceleration = 0.0
+        self._acceleration = self._against = 0.0
         self._response = response
 
-    def along(self, target: float, motion: Motion, dt: float) -> float:
-        """Setpoint along the track [m/s²] towards x = target [m]; `dt` since the last one [s]."""
-        error = max(-_LEAD, min(motion.x - target, _LEAD))
-        state = np.array([error, motion.speed, motion.swing, motion.swing_rate, self._acceleration])
+    def along(self, target: float, now: Plane, dt: float) -> float:
+        """Setpoint along the axis [m/s²] towards a place [m]; `dt` since the last one [s]."""
+        error = max(-_LEAD, min(now.place - target, _LEAD))
+        state = np.array([error, now.speed, now.swing, now.swing_rate, self._acceleration])
         wanted = float(-self._gains @ state)
-        wanted = max(-2.5, min(wanted, 2.5))
         # What the vehicle does with it is not measured well; the model that the gains are for is.
         self._acceleration += (wanted - self._acceleration) * min(dt / self._response, 1.0)
-        return wanted
+        if abs(error) < _NEAR and abs(now.speed) < _SLOW:
+            against = self._against - _INTEGRAL * error * dt
+            self._against = max(-_STEADY, min(against, _STEADY))
+        return max(-2.5, min(wanted + self._against, 2.5))
 
 
 def across(motion: Motion) -> float:

@@ -127,21 +127,33 @@ def landing(position: Array, velocity: Array, wind: Array, drag: float, rim: flo
 
 @njit(cache=True)
 def crash(state: Array) -> float:
+    """`crashed` of a vehicle's whole state, shape (24,)."""
+    qw, qx, qy, qz = state[6], state[7], state[8], state[9]
+    up = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+    return crashed(state[:3], up, state[17:20], state[CABLE_STATE] >= SLACK)
+
+
+@njit(cache=True)
+def crashed(place: Array, up: tuple[float, float, float], load: Array, tied: bool) -> float:
     """Reward of a vehicle that has crashed, 0 for one that flies (T Eq. 20).
 
     It must stay between walls, ground and ceiling, its load above the ground, and the cable below
     the rotors.
+
+    Parameters
+    ----------
+    place, load : ndarray of shape (3,)
+        Of the vehicle and the load [m].
+    up : tuple of float
+        Where the rotors' axis points to.
+    tied : bool
+        Whether the load hangs on the cable.
     """
-    x, y, z = state[0], state[1], state[2]
-    if max(abs(x), abs(y)) > HALL or z < 0.0 or z > CEILING or state[19] < 0.0:
+    x, y, z = place[0], place[1], place[2]
+    if max(abs(x), abs(y)) > HALL or z < 0.0 or z > CEILING or load[2] < 0.0:
         return WALL
-    qw, qx, qy, qz = state[6], state[7], state[8], state[9]
-    above = 2.0 * (qx * qz + qw * qy) * (state[17] - x)
-    above += 2.0 * (qy * qz - qw * qx) * (state[18] - y)
-    above += (1.0 - 2.0 * (qx * qx + qy * qy)) * (state[19] - z)
-    if state[CABLE_STATE] >= SLACK and above > 0.0:
-        return CABLE
-    return 0.0
+    above = up[0] * (load[0] - x) + up[1] * (load[1] - y) + up[2] * (load[2] - z)
+    return CABLE if tied and above > 0.0 else 0.0
 
 
 def dunks(landed: Array, basket: Basket) -> bool:

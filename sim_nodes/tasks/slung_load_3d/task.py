@@ -14,7 +14,14 @@ from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import Ending, Symmetry, TaskDescription, Variable
 from sim_nodes.quadrotor import control
 from sim_nodes.quadrotor.airframe import AIRFRAMES, Payload, check_payload
-from sim_nodes.quadrotor.body import LOAD, LOAD_VELOCITY, hovering
+from sim_nodes.quadrotor.body import (
+    LOAD,
+    LOAD_VELOCITY,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    hovering,
+)
 from sim_nodes.quadrotor.flight import STEP, Vehicle, fly, vehicle
 from sim_nodes.quadrotor.wind import Gusts, check_wind, gusts
 from sim_nodes.tasks.law import Law
@@ -33,9 +40,11 @@ from sim_nodes.tasks.slung_load_3d.scene import (
     Basket,
     check_basket,
     crash,
+    crashed,
     distance,
     dunks,
     landing,
+    load_of,
     see,
 )
 
@@ -137,6 +146,8 @@ class SlungLoad3D(Settings):
         actions.usual(False), symmetries(actions.usual(False), np.zeros((2, 2)))
     )
     starts: ClassVar[int] = 100
+    altitudes: ClassVar[tuple[float, float]] = _ALTITUDE
+    """Least and greatest of a start [m]."""
     usual_episodes: ClassVar[int] = 1000
 
     def __post_init__(self) -> None:
@@ -228,6 +239,51 @@ class SlungLoad3D(Settings):
 
     def close(self) -> None:
         """Nothing to let go of."""
+
+    # ------------------------------------------------------------ of what was flown elsewhere
+
+    def seen(self, place: Array, velocity: Array, cable: Array, cable_rate: Array) -> Array:
+        """What is seen of a vehicle whose load is on its cable.
+
+        Parameters
+        ----------
+        place, velocity : ndarray of shape (3,)
+            Of the vehicle [m], [m/s].
+        cable, cable_rate : ndarray of shape (3,)
+            Unit vector from it to the load, and its rate [1/s].
+
+        Returns
+        -------
+        ndarray of shape (10,)
+        """
+        state, found = np.zeros(SIZE), np.empty(SEEN)
+        state[POSITION], state[VELOCITY] = place, velocity
+        state[LOAD], state[LOAD_VELOCITY] = place + cable, velocity + cable_rate
+        see(state, found)
+        return found
+
+    def judge(self, before: Array, place: Array, up: Array, cable: Array) -> tuple[float, bool]:
+        """Reward and end of a step that was flown with the load on its cable, not computed.
+
+        Parameters
+        ----------
+        before : ndarray of shape (10,)
+            As seen when the step began.
+        place, up, cable : ndarray of shape (3,)
+            When it ended: the vehicle [m]; unit vectors along the rotors' axis and to the load.
+        """
+        x, y, z = up.tolist()
+        reward = crashed(place, (x, y, z), place + self.cable * cable, True)
+        return (reward, True) if reward else (-0.5 * distance(before, self._basket), False)
+
+    def landing(self, seen: Array) -> Array:
+        """Where a load released here crosses the rim's plane in calm air: (x, y) [m], NaN below."""
+        position, velocity = load_of(seen, self.cable)
+        return landing(position, velocity, np.zeros(3), self._payload.drag, self._basket.rim)[:2]
+
+    def landed(self, place: Array | None) -> float:
+        """Reward for a load that crossed the rim's plane at (x, y) [m], or (None) never did."""
+        return DUNK if place is not None and dunks(place, self._basket) else MISS
 
     # ------------------------------------------------------------ what a task may have besides
 
