@@ -2,14 +2,19 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from iolspi_ros import resources
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.evaluate import evaluate
-from iolspi_ros.experiments.slung_load_3d import SlungLoad3DRun, drop
+from iolspi_ros.experiments.slung_load_3d import SlungLoad3DRun, drop, learner
+from iolspi_ros.experiments.slung_load_3d_planned import PlannerRun, fly_ahead
+from iolspi_ros.experiments.thesis import chapter6
+from iolspi_ros.experiments.thesis import chapter6_claims as says
 from sim_nodes import pictures
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
 from sim_nodes.quadrotor import body
@@ -120,6 +125,81 @@ def test_a_release_ends_with_what_the_body_would_do_in_the_end():
             kinds[reward] += 1
     assert min(kinds.values()) > 3
     assert len(kinds) == 2
+
+
+# ------------------------------------------------------------------ the wind, and what is foreseen
+
+
+def _drift(**values):
+    task = SlungLoad3D(wind=4.0, gusts=False, **values)
+    start = task.begin(2)
+    for _ in range(20):
+        state = task.advance(ABOUT.neutral)[0]
+    return state[[0, 2]] - start[[0, 2]]
+
+
+def test_a_controller_that_leans_against_the_wind_is_not_blown_away():
+    away = _drift()
+    assert away[0] > 1.0
+    assert np.abs(_drift(wind_held=True)).max() < 0.2 * away[0]
+    across = _drift(wind_held=True, wind_direction=math.pi / 2)
+    assert np.abs(across).max() < 0.2 * away[0]
+
+
+def test_wind_that_is_held_against_leaves_the_symmetries():
+    assert len(SlungLoad3D(wind=4.0).description.symmetries) == 1
+    assert SlungLoad3D(wind=4.0, wind_held=True).description.symmetries == ABOUT.symmetries
+
+
+@pytest.mark.parametrize(
+    "values", [{}, {"wind": 3.0, "gusts": False}, {"wind": 3.0, "gusts": False, "wind_held": True},
+               {"vertical": True}],
+)  # fmt: skip
+def test_what_is_foreseen_comes(values):
+    rng = np.random.default_rng(0)
+    task = SlungLoad3D(**values)
+    release = task.actions.release
+    for seed in range(5):
+        plan = rng.integers(release, size=12).repeat(2)
+        task.begin(seed)
+        foreseen = task.foresee(plan[None])[0]
+        for last in (0, 9, 24):
+            task.begin(seed)
+            rewards = []
+            for action in [*plan[:last], release]:
+                _, reward, ended, _ = task.advance(int(action))
+                rewards.append(reward)
+                if ended:
+                    break
+            earned = task.description.gamma ** np.arange(len(rewards)) @ rewards
+            assert foreseen[last] == pytest.approx(earned, abs=1e-6)
+
+
+def test_a_planner_on_the_true_model_does_better_than_the_pilot():
+    few = PlannerRun(plans=30, best=5, rounds=4, horizon=24)
+    rng = np.random.default_rng(0)
+    planned = [fly_ahead(TASK, few, start, rng) for start in range(4)]
+    assert [ending for ending, _, _ in planned] == [1, 1, 1, 1]
+    hand = ScriptedPilot(TASK, PilotSettings(reaction_delay=0.2, hold_time=0.2), rng)
+    scores = []
+    for start in range(4):
+        state, ended, score = TASK.begin(start), False, 0.0
+        hand.begin()
+        while not ended and score > -200.0:
+            state, reward, ended, _ = TASK.advance(hand.act(state))
+            score += reward
+        scores.append(score)
+    assert np.mean([score for _, score, _ in planned]) > np.mean(scores)
+
+
+def test_the_envelope_keeps_the_cable_below_leaning_rotors():
+    values = resources.parameters(resources.find("config", "slung_load_3d.yaml"), "learner")
+    x, y = values["envelope_high"][6], values["envelope_high"][8]
+    assert values["envelope_low"][6:] == [-v for v in values["envelope_high"][6:]]
+    down = np.array([math.tan(x), math.tan(y), -1.0])
+    lean = math.radians(25.0)
+    across = np.array([*(np.array([-1.0, -1.0]) / math.sqrt(2.0) * math.sin(lean)), math.cos(lean)])
+    assert down @ across < 0.0
 
 
 # ------------------------------------------------------------------ what it earns
@@ -314,3 +394,52 @@ def test_a_realisation_is_its_seed():
     np.testing.assert_array_equal(one["score"], same["score"])
     np.testing.assert_array_equal(one["judged"], same["judged"])
     assert one["judged"].sum(axis=1).tolist() == [100, 100]
+
+
+def test_a_vehicle_that_changes_is_judged_on_both_sides():
+    short = SlungLoad3DRun(
+        learner={"kernels": 20, "update_interval": 60}, demonstrations=3, episodes=4, every=2,
+        changed={"cable": 0.5}, change=2,
+    )  # fmt: skip
+    found = drop(short, 0)
+    assert found["after"].tolist() == [0, 2, 2, 4]
+    same = drop(replace(short, changed={}), 0)
+    np.testing.assert_array_equal(found["judged"][:2], same["judged"][:2])
+    np.testing.assert_array_equal(same["judged"][1], same["judged"][2])
+    assert (found["judged"][1] != found["judged"][2]).any()
+
+
+def _looks(dunks, after=None, ending=()):
+    """What one realisation says that was judged so [%]."""
+    judged = np.zeros((1, len(dunks), 5), int)
+    judged[0, :, 1], judged[0, :, 3] = dunks, 100 - np.array(dunks)
+    after = [25 * k for k in range(len(dunks))] if after is None else after
+    return {"judged": judged, "after": np.array([after]), "ending": np.array([ending])}
+
+
+def test_what_it_takes_to_a_level_is_counted_until_the_first_look_that_has_it():
+    ending = [3] * 10 + [1] * 30 + [4] * 5 + [1] * 30
+    episodes, crashed, reached = says.until(_looks([10, 40, 85, 70], ending=ending))
+    assert (episodes[0], crashed[0], reached[0]) == (50, 15, True)
+    episodes, crashed, reached = says.until(_looks([10, 40, 70, 79], ending=ending))
+    assert (episodes[0], crashed[0], reached[0]) == (75, 15, False)
+    assert says.until(_looks([90, 10], ending=ending))[1][0] == 0
+
+
+def test_coming_back_is_counted_from_the_change():
+    after = [0, 25, 50, 75, 100, 100, 125, 150]
+    lost, back, came = says.recovered(_looks([10, 88, 92, 90, 90, 60, 80, 86], after))
+    assert (lost[0], back[0], came[0]) == (30, 50, True)
+    lost, back, came = says.recovered(_looks([10, 88, 92, 90, 90, 87, 10, 10], after))
+    assert (lost[0], back[0], came[0]) == (3, 0, True)
+    assert not says.recovered(_looks([10, 88, 92, 90, 90, 60, 80, 84], after))[2][0]
+
+
+def test_every_setting_of_the_study_is_one_that_can_be_flown():
+    for cell in chapter6.studies()[0].cells:
+        if isinstance(cell.setting, SlungLoad3DRun):
+            assert cell.setting.episodes % 100 == 0
+            tasks = [{**cell.setting.vehicle}, {**cell.setting.vehicle, **cell.setting.changed}]
+            about = [make_task("slung_load_3d", values, "here").description for values in tasks]
+            assert about[0] == about[1]
+            learner(cell.setting.learner, about[0], 0)

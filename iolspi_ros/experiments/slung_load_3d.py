@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iolspi_ros import resources
 from iolspi_ros.core.learner import greedy_policy
+from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions, transition_between
-from iolspi_ros.experiments.evaluate import evaluate
-from iolspi_ros.experiments.headless import Listener, make_learner, train
+from iolspi_ros.core.symmetric import SymmetricLSPI
+from iolspi_ros.experiments.evaluate import Evaluation, evaluate
+from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.methods.temporal_difference import QLearning
+from iolspi_ros.settings import from_mapping
+from iolspi_ros.task import TaskDescription
 from sim_nodes.pilots import PilotSettings, ScriptedPilot
-from sim_nodes.tasks import make_task
+from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 from sim_nodes.world import WorldSettings, make_world
 
 TASK = "slung_load_3d"
 PILOT = PilotSettings(mode="explore", reaction_delay=0.2, hold_time=0.2)
+LEARNERS: Mapping[str, Any] = {
+    "iolspi": OnlineLSPI,
+    "iolspi_symmetric": SymmetricLSPI,
+    "q_learning": QLearning,
+}
+AVERAGED = 4
 
 
 @dataclass(frozen=True)
@@ -37,6 +51,11 @@ class SlungLoad3DRun:
         Episodes shown, from starts drawn at random; 0 for none.
     episodes, every : int
         Flown online; policies are judged after each so many.
+    changed : mapping
+        Settings of the vehicle that are other from the episode `change` on, before whose start a
+        policy is judged under both.
+    change : int
+        0 for never; else a multiple of `every`.
     """
 
     vehicle: Mapping[str, Any] = field(default_factory=dict)
@@ -45,6 +64,17 @@ class SlungLoad3DRun:
     demonstrations: int = 50
     episodes: int = 300
     every: int = 100
+    changed: Mapping[str, Any] = field(default_factory=dict)
+    change: int = 0
+
+    def inputs(self) -> list[Path]:
+        """Files that the result depends on."""
+        return [_config()]
+
+    def quick(self) -> SlungLoad3DRun:
+        """A third of the episodes."""
+        shorter = max(self.episodes // (3 * self.every), 1) * self.every
+        return replace(self, episodes=shorter) if not self.change else self
 
 
 def demonstrate(task: Any, pilot: PilotSettings, episodes: int, seed: int) -> Transitions:
@@ -62,6 +92,15 @@ def demonstrate(task: Any, pilot: PilotSettings, episodes: int, seed: int) -> Tr
     return Transitions.of(rows, task.description.n_dims)
 
 
+def learner(changed: Mapping[str, Any], about: TaskDescription, seed: int) -> Any:
+    """A learner as config/slung_load_3d.yaml has it, with some settings changed."""
+    file = _config()
+    values = resources.parameters(file, "learner") | dict(changed)
+    cls = LEARNERS[str(values["learner"])]
+    settings = from_mapping(cls.Settings, values, str(file))
+    return cls(about, settings, np.random.default_rng([seed, 1]))
+
+
 def drop(setting: SlungLoad3DRun, seed: int) -> Mapping[str, Any]:
     """One realisation.
 
@@ -71,45 +110,78 @@ def drop(setting: SlungLoad3DRun, seed: int) -> Mapping[str, Any]:
         How each ended while learning, as the task's endings are numbered.
     score : ndarray of shape (episodes,)
         Sum of its rewards.
+    after : ndarray of int, shape (looks,)
+        Episodes flown before each look; where the vehicle changes there are two looks.
     judged : ndarray of int, shape (looks, 5)
         How the greedy policy's episodes end, one from each of the 100 starts, before the first
         episode and after each `every`; without the shield.
-    judged_score : ndarray of shape (looks,)
-        Their mean sum of rewards.
+    judged_score, discounted : ndarray of shape (looks,)
+        Their mean sum of rewards, and mean discounted return.
+    averaged : ndarray of int, shape (every hundredth, 5)
+        As `judged`, after each 100 episodes, of the policy that is greedy by the mean Q̂ of the
+        last `AVERAGED` updates.
     vetoes, steps, samples : int
         Of the shield; flown in all; demonstrated.
     """
-    task: Any = make_task(TASK, dict(setting.vehicle), TASK)
-    file = resources.find("config", f"{TASK}.yaml")
-    values = resources.parameters(file, "learner") | dict(setting.learner)
+    task = _vehicle(setting.vehicle)
     about = task.description
-    core = make_learner(str(values["learner"]), about, values, TASK, seed)
+    core = learner(setting.learner, about, seed)
     shown = demonstrate(task, setting.pilot, setting.demonstrations, seed)
     if len(shown):
         core.pretrain(shown)
     world = make_world(task, WorldSettings(), np.random.default_rng([seed, 0]))
-    endings, scores, looks = list[int](), list[float](), list[tuple[Any, float]]()
+    endings, scores, looks = list[int](), list[float](), list[tuple[int, Evaluation]]()
 
     def ended(score: float, reward: float, terminated: bool) -> None:
         scores.append(score)
         endings.append(int(about.ending(reward, terminated)))
 
+    kept: deque[NDArray[np.float64]] = deque(maxlen=AVERAGED)
+    averaged: list[NDArray[np.int64]] = []
+
+    def together(states: NDArray[np.float64]) -> NDArray[np.int64]:
+        values = sum(core.values(states, snapshot) for snapshot in kept)
+        return np.asarray(values).argmax(axis=1)
+
     def look() -> None:
-        flown = evaluate(task, greedy_policy(core))
-        looks.append((np.bincount(flown.ending, minlength=len(about.endings)), flown.score.mean()))
+        looks.append((len(endings), evaluate(task, greedy_policy(core))))
+        if kept and len(endings) % 100 == 0:
+            averaged.append(counted(evaluate(task, together).ending))
+
+    listener = Listener(on_update=lambda _: kept.append(core.snapshot), on_episode=ended)
 
     look()
     while len(endings) < setting.episodes:
-        train(world, core, setting.every, Listener(on_episode=ended))
+        if setting.change and len(endings) == setting.change:
+            task = _vehicle({**setting.vehicle, **setting.changed})
+            world = make_world(task, WorldSettings(), np.random.default_rng([seed, 4]))
+            look()
+        train(world, core, setting.every, listener)
         look()
-    judged, judged_score = map(np.array, zip(*looks, strict=True))
     return {
-        "ending": np.array(endings, np.int8), "score": np.array(scores), "judged": judged,
-        "judged_score": judged_score, "vetoes": getattr(core, "vetoes", 0), "steps": core.step,
-        "samples": len(shown),
+        "ending": np.array(endings, np.int8), "score": np.array(scores),
+        "after": np.array([after for after, _ in looks]),
+        "judged": np.array([counted(flown.ending) for _, flown in looks]),
+        "judged_score": np.array([flown.score.mean() for _, flown in looks]),
+        "discounted": np.array([flown.discounted_return for _, flown in looks]),
+        "averaged": np.array(averaged).reshape(-1, len(about.endings)),
+        "vetoes": getattr(core, "vetoes", 0), "steps": core.step, "samples": len(shown),
     }  # fmt: skip
+
+
+def counted(ending: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many episodes ended in each way, shape (5,)."""
+    return np.bincount(ending, minlength=len(SlungLoad3D.description.endings))
 
 
 def with_learner(setting: SlungLoad3DRun, **values: Any) -> SlungLoad3DRun:
     """The same with other settings of the learner."""
     return replace(setting, learner=dict(setting.learner) | values)
+
+
+def _config() -> Path:
+    return resources.find("config", f"{TASK}.yaml")
+
+
+def _vehicle(values: Mapping[str, Any]) -> Any:
+    return from_mapping(SlungLoad3D, dict(values), TASK)

@@ -14,6 +14,7 @@ def studies() -> dict[str, Study]:
     """Every study by its name, in the order of the thesis."""
     from iolspi_ros.experiments.thesis import (
         chapter5,
+        chapter6,
         chapter8,
         chapter9,
         chapter10,
@@ -23,7 +24,7 @@ def studies() -> dict[str, Study]:
     )
 
     found: dict[str, Study] = {}
-    for chapter in (part1, slung_load, chapter5, chapter8, chapter9, chapter10, finding):
+    for chapter in (part1, slung_load, chapter5, chapter6, chapter8, chapter9, chapter10, finding):
         for study in chapter.studies():
             assert study.name not in found, f"two studies named {study.name}"
             found[study.name] = study

@@ -125,6 +125,7 @@ _HEAD = (
 _CHAPTERS = {
     "Part I": "Part I: pendulum and slung load",
     "5-": "Chapter 5: Q-learning on a grid",
+    "6-": "Chapter 6: the drop-off in three dimensions",
     "Appendix A": "Appendix A: parameters of Q-learning",
     "8-": "Chapter 8: the cart-pole",
     "9-": "Chapter 9: forgetting, and the number of realisations",

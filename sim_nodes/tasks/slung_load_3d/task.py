@@ -28,6 +28,7 @@ from sim_nodes.tasks.law import Law
 from sim_nodes.tasks.shapes import Picture, Point
 from sim_nodes.tasks.slung_load_3d import actions, picture
 from sim_nodes.tasks.slung_load_3d.actions import Actions, symmetries
+from sim_nodes.tasks.slung_load_3d.foresight import foresee
 from sim_nodes.tasks.slung_load_3d.pilot import Explore, Perform
 from sim_nodes.tasks.slung_load_3d.scene import (
     CABLE,
@@ -55,6 +56,8 @@ SAMPLING_TIME = 0.1
 _STEPS = round(SAMPLING_TIME / STEP)
 _START, _ALTITUDE, _SWING = 4.0, (2.4, 3.2), math.pi / 6  # [m], [m], [rad]
 _GAINS = control.Gains()
+_CATCHES_UP = -math.expm1(-SAMPLING_TIME / 1.0)
+"""Share of its error that the wind's estimate makes good in a step: its lag is 1 s."""
 
 
 def describe(chosen: Actions, symmetries: tuple[Symmetry, ...]) -> TaskDescription:
@@ -106,6 +109,7 @@ class _Episode:
     air: Gusts
     rng: np.random.Generator
     seen: Array
+    estimate: Array  # of the wind, towards x and y [m/s]
 
 
 @dataclass(eq=False)
@@ -135,6 +139,9 @@ class SlungLoad3D(Settings):
     wind: float = setting(0.0, "steady wind [m/s]")
     wind_direction: float = setting(0.0, "where it blows to, counter-clockwise from +x [rad]")
     gusts: bool = setting(True, "in wind: gusts of MIL-F-8785C besides")
+    wind_held: bool = setting(
+        False, "the controller leans against the wind, which it estimates with a lag of 1 s"
+    )
     basket: tuple[float, ...] = setting((0.0, 0.0, 1.0), "its x, y and rim [m]")
     basket_radius: float = setting(1.5, "[m]: T Table 2's half width")
     vertical: bool = setting(False, "actions that climb and descend besides")
@@ -161,8 +168,10 @@ class SlungLoad3D(Settings):
         self._basket = Basket(*self.basket, self.basket_radius)
         check_basket(self._basket)
         self.actions = actions.listed(self.accelerations, self.vertical)
-        blown = self.wind * np.array([math.cos(self.wind_direction), math.sin(self.wind_direction)])
-        kept = symmetries(self.actions, np.array([self.basket[:2], blown]))
+        blown = 0.0 if self.wind_held else self.wind
+        angle = self.wind_direction
+        fixed = [self.basket[:2], (blown * math.cos(angle), blown * math.sin(angle))]
+        kept = symmetries(self.actions, np.array(fixed))
         vars(self)["description"] = describe(self.actions, kept)
         self._episode: _Episode | None = None
 
@@ -199,7 +208,7 @@ class SlungLoad3D(Settings):
         air = gusts(self.wind, self.wind_direction, z, STEP, 1.0 if self.gusts else 0.0)
         craft = vehicle(hovering(self._frame, payload, (x, y, z), (ahead, left)), air, rng)
         control.begin(craft.state, payload.mass / self._frame.mass, craft.memory)
-        self._episode = _Episode(craft, payload, air, rng, np.empty(SEEN))
+        self._episode = _Episode(craft, payload, air, rng, np.empty(SEEN), craft.wind[:2].copy())
         see(craft.state, self._episode.seen)
         return self._episode.seen.copy()
 
@@ -209,13 +218,9 @@ class SlungLoad3D(Settings):
         A release is judged on the state left, a crash on the state reached, a wall before the
         cable, as in two dimensions.
         """
-        now = self._episode
-        if now is None:
-            raise InputError("no episode has begun; allowed: begin, then advance")
+        now = self._flying()
         before = now.seen.copy()
-        sticks = np.zeros(4)
-        push = self.actions.values[action]
-        sticks[: len(push)] = push
+        sticks = self._sticks(now, action)
         sticks[:2] += noise
         state = now.craft.state
         landed = None
@@ -229,6 +234,7 @@ class SlungLoad3D(Settings):
             now.payload, _STEPS,
         )  # fmt: skip
         see(state, now.seen)
+        now.estimate += _CATCHES_UP * (now.craft.wind[:2] - now.estimate)
         after = now.seen.copy()
         if landed is not None:
             return after, DUNK if dunks(landed, self._basket) else MISS, True, False
@@ -236,6 +242,42 @@ class SlungLoad3D(Settings):
         if reward:
             return after, reward, True, False
         return after, -0.5 * distance(before, self._basket), False, False
+
+    def foresee(self, plans: NDArray[np.int64]) -> Array:
+        """Discounted returns of plans from here, on the true model, in the wind as it is now.
+
+        Parameters
+        ----------
+        plans : ndarray of int, shape (n, length)
+            Actions, none of them the release.
+
+        Returns
+        -------
+        ndarray of shape (n, length + 1)
+            When the load is released in place of the k-th action, or after the last.
+        """
+        now = self._flying()
+        sticks = np.array([self._sticks(now, action) for action in range(self.actions.release)])
+        returns = np.empty((len(plans), plans.shape[1] + 1))
+        foresee(
+            now.craft.state, now.craft.memory, now.craft.wind, sticks, plans, self._basket, _GAINS,
+            self._frame, now.payload, _STEPS, self.description.gamma, returns,
+        )  # fmt: skip
+        return returns
+
+    def _sticks(self, now: _Episode, action: int) -> Array:
+        """What an action asks of the controller, shape (4,)."""
+        sticks = np.zeros(4)
+        push = self.actions.values[action]
+        sticks[: len(push)] = push
+        if self.wind_held:
+            sticks[:2] -= self._frame.drag_across * now.estimate
+        return sticks
+
+    def _flying(self) -> _Episode:
+        if self._episode is None:
+            raise InputError("no episode has begun; allowed: begin, then advance")
+        return self._episode
 
     def close(self) -> None:
         """Nothing to let go of."""
