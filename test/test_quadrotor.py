@@ -314,8 +314,8 @@ def test_the_air_carries_the_vehicle_with_it():
     ("values", "words"),
     [
         ({"mass": 0.0}, "mass of the load"), ({"mass": 1.0}, "mass of the load"),
-        ({"mass": np.nan}, "finite"), ({"length": 0.0}, "length of the cable"),
-        ({"length": -1.0}, "length of the cable"), ({"length": np.inf}, "finite"),
+        ({"mass": np.nan}, "is nan"), ({"length": 0.0}, "length of the cable"),
+        ({"length": -1.0}, "length of the cable"), ({"length": np.inf}, "is nan"),
         ({"drag": -0.1}, "drag of the load"),
     ],
 )  # fmt: skip

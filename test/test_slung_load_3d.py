@@ -291,6 +291,10 @@ def test_actions_of_ones_own_and_vertical_ones():
         ({"load": 0.0}, "mass of the load"), ({"load": 5.0}, "mass of the load"),
         ({"load": float("nan")}, "mass of the load"),
         ({"load": 0.2, "load_spread": 0.5}, "where episodes differ"),
+        ({"cable": float("nan")}, "length of the cable"),
+        ({"basket": [0.0, 0.0, 2.5]}, "could not fall in"),
+        ({"cable": 2.2}, "could not fall in"),
+        ({"wind_held": "maybe"}, "wind_held"),
         ({"cable": -1.0}, "length of the cable"), ({"cable": 3.0}, "above the ground"),
         ({"cable": 1.5, "cable_spread": 0.8}, "above the ground"),
         ({"wind": float("nan")}, "wind"), ({"wind": -1.0}, "wind"),
@@ -305,6 +309,10 @@ def test_actions_of_ones_own_and_vertical_ones():
 def test_what_cannot_be_is_refused_in_words(values, words):
     with pytest.raises(InputError, match=words):
         make_task("slung_load_3d", values, "a file")
+
+
+def test_a_basket_that_is_too_high_can_be_climbed_to():
+    assert SlungLoad3D(basket=(0.0, 0.0, 2.5), vertical=True).description.n_actions == 12
 
 
 # ------------------------------------------------------------------ who flies

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from iolspi_ros.errors import InputError, check_range
+from iolspi_ros.errors import check_range
 
 G = 9.81
 """Gravitational acceleration [m/s²]."""
@@ -78,9 +78,6 @@ def check_payload(airframe: Airframe, payload: Payload, name: str = "load") -> N
     InputError
         Naming the field, its value and what is allowed.
     """
-    for field in payload._fields:
-        if not math.isfinite(value := getattr(payload, field)):
-            raise InputError(f"{field} of the {name} is {value}; allowed: a finite number")
     check_range(f"mass of the {name} [kg]", payload.mass, 0.0, LOAD_SHARE * airframe.mass,
                 low_open=True)  # fmt: skip
     check_range(f"length of the cable of the {name} [m]", payload.length, 0.1, 20.0)

@@ -167,6 +167,13 @@ class SlungLoad3D(Settings):
             raise InputError(f"basket has {len(self.basket)} entries; allowed: x, y and rim [m]")
         self._basket = Basket(*self.basket, self.basket_radius)
         check_basket(self._basket)
+        highest = _ALTITUDE[1] - self.cable * (1.0 - self.cable_spread)
+        if self._basket.rim >= highest and not self.vertical:
+            raise InputError(
+                f"the basket's rim is at {self._basket.rim} m, and no load hangs higher than "
+                f"{highest:.2f} m: it could not fall in; allowed: a rim below, a shorter cable, or "
+                "vertical actions"
+            )
         self.actions = actions.listed(self.accelerations, self.vertical)
         blown = 0.0 if self.wind_held else self.wind
         angle = self.wind_direction
