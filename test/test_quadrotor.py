@@ -315,7 +315,7 @@ def test_the_air_carries_the_vehicle_with_it():
     [
         ({"mass": 0.0}, "mass of the load"), ({"mass": 1.0}, "mass of the load"),
         ({"mass": np.nan}, "is nan"), ({"length": 0.0}, "length of the cable"),
-        ({"length": -1.0}, "length of the cable"), ({"length": np.inf}, "is nan"),
+        ({"length": -1.0}, "length of the cable"), ({"length": np.inf}, "is inf"),
         ({"drag": -0.1}, "drag of the load"),
     ],
 )  # fmt: skip
