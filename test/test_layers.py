@@ -69,8 +69,8 @@ BELOW = {
     "experiments": {"ground", "task", "core", "methods", "files", "tasks", "wire"},
     "report": {"ground", "task", "core", "methods", "files", "tasks", "wire", "experiments"},
 }
-BELOW["bench"] = {"bench", *BELOW["report"], "report", "ros", "frames", "autopilot", "bridge",
-                  "simulator", "nodes", "graph", "robot", "cockpit"}  # fmt: skip
+BELOW["bench"] = {"bench", *BELOW["report"], "report", "ros", "frames", "vehicle", "autopilot",
+                  "bridge", "simulator", "nodes", "graph", "robot", "cockpit"}  # fmt: skip
 BELOW["cli"] = {*BELOW["bench"], "bench"}
 
 EXCEPTIONS = {
