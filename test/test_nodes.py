@@ -492,6 +492,7 @@ def yaml_file(folder, node, text):
         ("demonstrator", "corruption: 1.1", "parameter corruption is 1.1; allowed"),
         ("demonstrator", "source: scripted\n    vehicle_timeout: 0.3", "no vehicle: nothing"),
         ("demonstrator", f"bags: [{SET_5}]\n    learner_timeout: 0.3", "nobody listens on"),
+        ("demonstrator", "source: scripted\n    model_file: /no.yaml", "/no.yaml does not exist"),
         ("learner", "vehicle_timeout: 0.3", "no vehicle: nothing on"),
     ],
 )

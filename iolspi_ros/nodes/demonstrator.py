@@ -83,6 +83,8 @@ class Demonstrator(ManagedNode):
         """Listen for a task; what is demonstrated follows then."""
         if self.settings.source == "bag":
             check_bags(self._player_settings)
+        if self.settings.source == "scripted":
+            self._model_settings = self._read_model_file()
         if self.settings.record:
             bags.check_place(self._place)
         self._sample_out = self.create_publisher(Float64MultiArray, "sample", qos.SAMPLES)
@@ -170,11 +172,15 @@ class Demonstrator(ManagedNode):
             return ScriptedFlight(self, self._teleop_settings, self._scripted(task))
         return self._person.demonstrate()
 
+    def _read_model_file(self) -> dict[str, Any]:
+        """What the pilot's model has otherwise than by default."""
+        file = self.settings.model_file
+        return resources.parameters(Path(file).expanduser(), "simulator") if file else {}
+
     def _scripted(self, task: TaskDescription) -> ScriptedPilot:
         """The scripted pilot."""
-        name, file = self.settings.model or task.name, self.settings.model_file
-        values = resources.parameters(Path(file).expanduser(), "simulator") if file else {}
-        vehicle: Any = make_task(name, values, file)
+        name, where = self.settings.model or task.name, self.settings.model_file
+        vehicle: Any = make_task(name, self._model_settings, where)
         vehicle.description.check_same(task, "the model that the pilot knows", "the vehicle")
         rng = np.random.default_rng([self._teleop_settings.seed, 2])
         return ScriptedPilot(vehicle, self._pilot, rng)
