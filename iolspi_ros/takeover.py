@@ -60,7 +60,7 @@ class Takeover:
         self._clock = clock
         self._said = False
         self._heard = self._acted = 0.0
-        self._let_go = (-1.0, -1.0)
+        self._let_go = self._answered = (-1.0, -1.0)
         self.count = 0
 
     @property
@@ -95,11 +95,14 @@ class Takeover:
         if source in PERSON:
             if source == Source.HUMAN and seen > self._let_go:  # a script's may be corrupted, too
                 self.hear(True, seen)
-            self._acted = self._clock()
+            self._acted, self._answered = self._clock(), seen
             return True
         return not self.held or (neutral and source == Source.HOLD)
 
-    @property
-    def silent(self) -> bool:
-        """Whether the person who has it has not acted for so long that neutral takes its place."""
-        return self.held and self._clock() - self._acted > PATIENCE
+    def silent(self, shown: Key) -> bool:
+        """Whether the person who has it has not acted for so long that neutral takes its place.
+
+        Who has answered what is `shown` is waited for by nobody, however slowly the vehicle goes.
+        """
+        waited = self._answered != shown and self._clock() - self._acted > PATIENCE
+        return self.held and waited

@@ -238,7 +238,8 @@ class Simulator(ManagedNode):
     @property
     def _without_pilot(self) -> bool:
         """Whether the person who has the vehicle does nothing, once the episode is under way."""
-        return self._observation.step > 0 and self._topics.takeover.silent
+        shown = self._observation
+        return shown.step > 0 and self._topics.takeover.silent((shown.episode, shown.step))
 
     def _handed(self) -> None:
         """A person has taken the vehicle, or given it back: the present state is theirs."""

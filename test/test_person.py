@@ -478,6 +478,21 @@ def test_a_place_to_record_to_is_looked_at_before_anybody_flies(run_here, tmp_pa
         assert "Traceback" not in said
 
 
+def test_who_flies_in_slow_motion_flies_each_step(nodes, ros):
+    """A state is shown every half second there, and answered at once."""
+    person = Person(ros, SlungLoad.description)
+    slow = ("mode:=realtime", "real_time_factor:=0.2")
+    nodes.start("simulator", "-p", "task:=slung_load", *(x for text in slow for x in ("-p", text)))
+    demonstrate(nodes, joy_actions=3)
+    person.until(lambda: person.piloting()["phase"] == Phase.WAITING)
+    person.axis = 1.0
+    person.until(lambda: person.source() == Source.HUMAN)
+    count = len(person.heard["reward"])
+    person.until(lambda: len(person.heard["reward"]) >= count + 4)
+    flown = [message.data[7:9].tolist() for message in person.heard["reward"][count : count + 4]]
+    assert flown == [[0.0, float(Source.HUMAN)]] * 4
+
+
 def test_slow_motion_while_it_runs(nodes, person):
     nodes.start("simulator", "-p", "mode:=realtime", "-p", "real_time_factor:=20.0")
     heard = person.heard["reward"]

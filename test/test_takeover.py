@@ -8,7 +8,7 @@ from iolspi_ros.core.learner import Source
 from iolspi_ros.takeover import LOOK, Listening, Takeover
 
 OTHERS = (Source.EXPLOIT, Source.EXPLORE, Source.SCRIPTED, Source.SHIELD, -1, 99)
-SEEN = (3, 7)
+SEEN, NEXT = (3, 7), (3, 8)
 
 
 class Clock:
@@ -50,7 +50,7 @@ def test_who_is_silent_holds_nothing(takeover, clock):
     clock.now += 0.31
     assert not takeover.held
     assert takeover.takes(Source.EXPLORE, False, SEEN)
-    assert not takeover.silent  # it is not held, so nobody's neutral action is due
+    assert not takeover.silent(NEXT)  # it is not held, so nobody's neutral action is due
     assert takeover.count == 1
     takeover.hear(True, SEEN)
     assert takeover.count == 2
@@ -61,15 +61,25 @@ def test_neutral_is_due_when_the_person_has_not_acted_for_so_long(takeover, cloc
     for _ in range(5):
         clock.now += 0.2
         takeover.hear(True, SEEN)
-        assert not takeover.silent
+        assert not takeover.silent(NEXT)
         takeover.takes(Source.HUMAN, False, SEEN)
     clock.now += 0.2
     takeover.hear(True, SEEN)
     takeover.takes(Source.HOLD, True, SEEN)  # is nobody's
     clock.now += 0.11
-    assert takeover.silent
+    assert takeover.silent(NEXT)
     takeover.takes(Source.HUMAN, True, SEEN)
-    assert not takeover.silent
+    assert not takeover.silent(NEXT)
+
+
+def test_in_slow_motion_nobody_is_waited_for_who_has_answered_what_is_shown(takeover, clock):
+    takeover.hear(True, SEEN)
+    takeover.takes(Source.HUMAN, False, NEXT)
+    for _ in range(20):
+        clock.now += 0.2
+        takeover.hear(True, SEEN)
+        assert not takeover.silent(NEXT)
+    assert takeover.silent((3, 9))  # shown after so long, and not answered yet
 
 
 def test_who_acts_after_giving_back_has_it_before_the_word_is_heard(takeover, clock):
