@@ -232,16 +232,15 @@ class Person:
         return episode, not paused and self.went_well(episode)
 
     def went_well(self, episode):
-        """Whether it swung up, or ended as the task wants it."""
+        """Whether the person flew it, and it swung up or ended as the task wants it."""
         flown = [seen for seen in self.graph.seen if seen.episode == episode]
+        theirs = sum(seen.source == Source.HUMAN for seen in flown)
+        if theirs < 0.95 * flown[-1].step:
+            return False  # on a busy machine the vehicle may have waited for them too often
         if self.task.name == "pendulum":
             return min(abs(seen.state[0]) for seen in flown) < 0.3
-        last = next((seen for seen in flown if seen.last), None)
-        return (
-            last is not None
-            and self.task.endings[int(self.task.ending(last.reward, last.terminated))].name
-            == self.task.endings[1].name
-        )
+        ending = self.task.ending(flown[-1].reward, flown[-1].terminated)
+        return self.task.endings[int(ending)] == self.task.endings[1]
 
     def judge(self, verdict):
         self.insist(lambda: self.tap(verdict), lambda: self.graph.phase != Phase.REVIEW)
