@@ -9,7 +9,7 @@ from typing import Any
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.slung_load_3d import PILOT, SlungLoad3DRun, drop, with_learner
 from iolspi_ros.experiments.slung_load_3d_planned import PlannerRun, plan_ahead
-from iolspi_ros.experiments.statistics import Interval, interval
+from iolspi_ros.experiments.statistics import Interval, interval, intervals
 from iolspi_ros.experiments.thesis import chapter6_claims as says
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.study import Rows, Study
@@ -152,7 +152,9 @@ def curves(data: Data) -> Rows:
     """Dunks over episodes."""
     rows: Rows = []
     for label, cell in data.items():
-        for look, count in enumerate(cell["after"][0].tolist()):
-            mean, low, high = interval(says.dunks(cell)[:, look])
-            rows.append({"curve": label, "x": count, "mean": mean, "low": low, "high": high})
+        counts, n = cell["after"][0].tolist(), len(cell["after"])
+        for count, mean, low, high in zip(counts, *intervals(says.dunks(cell)), strict=True):
+            rows.append({
+                "curve": label, "x": count, "mean": mean, "low": low, "high": high, "n": n,
+            })  # fmt: skip
     return rows
