@@ -1,4 +1,4 @@
-"""The bridge to an autopilot and who learns from it, from config/slung_load.yaml: docs/sitl.md.
+"""The bridge to an autopilot and who learns from it, from config/TASK.yaml: docs/sitl.md.
 
 ros2 launch iolspi_ros fly.launch.py autopilot:=px4 load:=estimate
 ros2 launch iolspi_ros fly.launch.py url:=tcp:127.0.0.1:5760 autopilot:=ardupilot load:=estimate
@@ -13,6 +13,7 @@ from iolspi_ros import resources
 from launch import LaunchDescription
 
 ARGUMENTS = {
+    "task": ("slung_load", "or slung_load_3d"),
     "url": ("udpin:127.0.0.1:14540", "where the autopilot is"),
     "autopilot": ("auto", "px4 or ardupilot, or nothing flies; auto for whoever is there"),
     "system": ("1", "its MAVLink system id"),
@@ -44,14 +45,14 @@ def nodes(context):
         },
     }  # fmt: skip
     if shown:
-        bag = f"{share}/demos/slung_load/set_{chosen['demonstration']}"
+        bag = f"{share}/demos/{chosen['task']}/set_{chosen['demonstration']}"
         parameters["demonstrator"] = {"source": "bag", "bags": [bag], "learner_timeout": 0.0}
     return [
         Node(
             package="iolspi_ros",
             executable=name,
             namespace=chosen["namespace"],
-            parameters=[str(resources.config("slung_load")), values],
+            parameters=[str(resources.config(chosen["task"])), values],
             output="screen",
         )
         for name, values in parameters.items()

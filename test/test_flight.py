@@ -1,5 +1,6 @@
 """Whole flights of the embedded autopilot, on a stepped clock but where it says otherwise."""
 
+import contextlib
 import itertools
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.bench.flying import PATIENT, Flying
 from iolspi_ros.bench.worlds import FACTOR, RealTime
+from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
 from msg_bridge.mavlink.phases import Phase
@@ -128,15 +130,15 @@ def offsets(f):
     def look(seen):
         position, velocity, load = f.body()
         cable = (load - position) / np.linalg.norm(load - position)
-        sines = np.sin(seen.state[[6, 8]])
-        off.append((seen.state[:6:2] - position, seen.state[1:6:2] - velocity, sines - cable[:2]))
+        sines = [*np.sin(seen.state[[6, 8]]), cable[2]]
+        off.append((seen.state[:6:2] - position, seen.state[1:6:2] - velocity, sines - cable))
         return act(seen)
 
     f.act = look
     return off
 
 
-@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+@pytest.mark.parametrize("like", [pytest.param("px4", marks=pytest.mark.slow), "ardupilot"])
 def test_in_the_hall_it_flies_both_axes_from_take_off_to_landing(tmp_path, like):
     with Flying(tmp_path, like, task=SlungLoad3D(), episodes=3, seed=1) as f:
         off = offsets(f)
@@ -175,6 +177,22 @@ def test_the_hall_may_lie_anywhere_and_turned(tmp_path):
         assert seen[[0, 2]] == pytest.approx(turned @ (position[:2] - (1.0, -2.0)), abs=0.1)
         assert seen[[1, 3]] == pytest.approx(turned @ velocity[:2], abs=0.1)
         assert np.sin(seen[[6, 8]]) == pytest.approx(turned @ (load - position)[:2], abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("task", "options", "where"),
+    [
+        (None, {"origin": (30.0, 0.0)}, "x = -30.0 m, outside the box of -6.5 to 3 m"),
+        (None, {"heading": np.pi / 2, "origin": (30.0, 0.0)}, "y = 30.0 m, .* -2 to 2 m"),
+        (SlungLoad3D(), {"origin": (0.0, -12.0)}, "y = 12.0 m, .* another origin"),
+        (SlungLoad3D(), {"heading": np.pi, "origin": (0.0, -4.0)}, ""),
+    ],
+)
+def test_it_takes_off_inside_or_not_at_all(tmp_path, task, options, where):
+    with Flying(tmp_path, "px4", task=task, **options) as f:
+        refused = pytest.raises(InputError, match=where) if where else contextlib.nullcontext()
+        with refused:
+            f.flight.check()
 
 
 @pytest.fixture(scope="module")

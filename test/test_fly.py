@@ -90,6 +90,39 @@ def test_what_cannot_be_flown_is_refused_before_any_practice(given, why):
         plan(**given)
 
 
+HALL = "slung_load_3d"
+
+
+@pytest.mark.parametrize(
+    ("task", "given", "why"),
+    [
+        ("pendulum", {}, "--task is 'pendulum'; allowed: slung_load, slung_load_3d"),
+        (HALL, {"bridge": ["box=[5.0, -5.0, -5.0, 5.0]"]}, "of each pair the least first"),
+        (HALL, {"bridge": ["box=[-5.0, 5.0]"]}, "moves along 2; allowed: 4 numbers"),
+        ("slung_load", {"bridge": ["box=[-5.0, 5.0, -5.0, 5.0]"]}, "moves along 1; allowed: 2"),
+        (HALL, {"bridge": ["box=[-1.0, 1.0, -1.0, 1.0]"]}, "no room to start in"),
+        (HALL, {"bridge": ["vertical=true"]}, "as it holds the altitude"),
+        (HALL, {"bridge": ["basket=[2.0, 0.0, 1.0]"]}, "that is practised on \\(0.0, 0.0, 1.0\\)"),
+        (HALL, {"bridge": ["basket=[2.0, 0.0, -1.0]"]}, "inside the ground"),
+        (HALL, {"bridge": ["height=9.0"]}, "height is 9 m; allowed: within heights"),
+        (HALL, {"bridge": ["origin=[.nan, 0.0]"]}, "origin .* two finite numbers"),
+        (HALL, {"bridge": ["cable=1.2"]}, "cable of the bridge is 1.2"),
+    ],
+)
+def test_what_does_not_fit_the_task_is_refused_too(task, given, why):
+    with pytest.raises(InputError, match=why):
+        plan(task=task, **given)
+
+
+def test_the_plan_of_another_task_is_of_its_own_files():
+    found = plan("px4", HALL, load="estimate")
+    assert found.config.name == "slung_load_3d.yaml"
+    assert found.bag.parts[-2:] == (HALL, "set_5")
+    said = "\n".join(describe(found))
+    assert "episodes of slung_load_3d" in said
+    assert "climb to 2.8 m" in said
+
+
 def test_the_autopilot_that_is_expected_is_told_to_the_bridge():
     assert plan("px4", url="tcp:127.0.0.1:1").parameters()["autopilot"] == "px4"
     assert plan(like="ardupilot").parameters()["autopilot"] == "ardupilot"
@@ -192,6 +225,22 @@ def test_it_flies_the_whole_way(tmp_path, places, like):
         assert (out / name).stat().st_size > 0
     assert "Traceback" not in (out / "bridge.log").read_text()
     assert not (out / "sitl.log").read_text().count("Traceback")
+    assert Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path).all() == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(700)
+def test_it_flies_the_hall_the_whole_way(tmp_path, places):
+    out = tmp_path / "out"
+    done = fly(places, "--task", HALL, "--like", "ardupilot", "--speed-up", 2, "--practice", 40,
+               "--episodes", 2, "--shown", 3, "--out", out)  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["task"] == HALL
+    assert summary["flown_episodes"] >= 3
+    assert summary["envelope_left"] == "0"
+    assert "as flown" in (out / "report.html").read_text()
+    assert "Traceback" not in (out / "bridge.log").read_text()
     assert Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path).all() == []
 
 

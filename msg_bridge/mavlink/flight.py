@@ -216,9 +216,9 @@ class Flight:
         InputError
             Where it stands, and what is allowed.
         """
-        for name, place, (low, high) in zip(
-            ("x", "y"), self._estimator.place(), self.limits.sides, strict=False
-        ):
+        limits, wide = self.limits, self.limits.corridor
+        sides = (*limits.sides, (-wide, wide))[:2]  # of one axis the corridor is the other
+        for name, place, (low, high) in zip("xy", self._estimator.place(), sides, strict=False):
             if not low <= place <= high:
                 raise InputError(
                     f"it stands at {name} = {place:.1f} m, outside the box of {low:g} to "

@@ -136,8 +136,9 @@ class Settling:
             self._samples.clear()
         if now - self._far < _CALM:
             return
-        if not self._samples or now - self._samples[-1][0] >= _PERIOD - 1e-9:
-            self._samples.append((now, errors.ravel()))
+        if self._samples and now - self._samples[-1][0] < _PERIOD - 1e-9:
+            return
+        self._samples.append((now, errors.ravel()))
         while now - self._samples[0][0] > _MEMORY:
             self._samples.popleft()
         if now - self._samples[0][0] >= _ENOUGH:

@@ -33,8 +33,7 @@ _HARD = 2.5  # contact with the ground that breaks things [m/s]
 
 def ned(vector: Array) -> Array:
     """East, north, up as north, east, down, or back."""
-    swapped: Array = vector[[1, 0, 2]] * (1.0, 1.0, -1.0)
-    return swapped
+    return np.array([vector[1], vector[0], -vector[2]])
 
 
 class Body:
