@@ -270,6 +270,20 @@ def test_pumping_along_both_never_swings_the_load_beyond_its_angle():
     assert 0.6 * wide.swing < max(swings) < wide.swing
 
 
+def test_the_energy_after_the_response_is_that_of_the_limit_when_both_axes_push_at_theirs():
+    limits = Limits(jerk=1e4, box=(-1e4, 1e4) * 2, cable=1.5)
+    cable, rate = np.array([0.4, 0.3, -math.sqrt(0.75)]), np.array([1.6, 1.5, 0.0])
+    rate[2] = -(cable[:2] @ rate[:2]) / cable[2]
+    motion = moving(cable=tuple(cable), cable_rate=tuple(rate))
+    found = [limit(limits, -3.0, motion, 0.0, DT, axis) for axis in (0, 1)]
+    assert [limited.reasons for limited in found] == [("swing",)] * 2
+    pushes = np.array([limited.acceleration for limited in found])
+    energy = 0.5 * rate @ rate + 9.81 / limits.cable * (1.0 + cable[2])
+    gained = -(pushes @ rate[:2]) / limits.cable * limits.response
+    most = 9.81 / limits.cable * (1.0 - math.cos(0.75 * limits.swing))
+    assert energy + gained == pytest.approx(most)
+
+
 def test_each_axis_is_limited_by_its_own_side():
     near = moving(x=0.0, across=3.5, drift=2.0)
     assert limit(HALL, 3.0, near, 3.0, DT, 0).acceleration == pytest.approx(3.0)

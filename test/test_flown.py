@@ -46,6 +46,14 @@ def test_what_is_flown_is_seen_and_judged_as_the_task_does_itself(seed):
     assert steps > 5
 
 
+@pytest.mark.parametrize(("lean", "reward"), [(0.4, -50.0), (0.0, -0.5), (-0.4, -0.5)])
+def test_a_cable_comes_into_rotors_that_lean_towards_it(lean, reward):
+    """At 75° towards +y: who leans that way has the rotors' near side below the cable."""
+    cable = 0.0, math.sin(1.3), -math.cos(1.3)
+    after = moving(x=1.0, height=3.0, cable=cable, up=(0.0, math.sin(lean), math.cos(lean)))
+    assert flown(SlungLoad3D(), LOW).judge(moving(x=1.0, height=3.0), after)[0] == reward
+
+
 def test_a_drop_that_nobody_sees_is_judged_as_the_tasks_own():
     task = SlungLoad3D()
     known, found = flown(task, LOW), set()

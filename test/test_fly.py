@@ -9,10 +9,11 @@ import time
 
 import pytest
 
-from iolspi_ros.cli import flight_report
+from iolspi_ros.cli import flight_plan, flight_report
 from iolspi_ros.cli.flight import Flown, Warnings
 from iolspi_ros.cli.flight_plan import describe, make_plan
 from iolspi_ros.errors import InputError
+from msg_bridge.mavlink import flown
 from msg_bridge.mavlink.memory import Identity, Memory, Remembered
 from msg_bridge.mavlink.payload import Seen
 from msg_bridge.mavlink.profiles import PROFILES
@@ -112,6 +113,10 @@ HALL = "slung_load_3d"
 def test_what_does_not_fit_the_task_is_refused_too(task, given, why):
     with pytest.raises(InputError, match=why):
         plan(task=task, **given)
+
+
+def test_what_can_be_flown_is_what_the_bridge_flies():
+    assert tuple(flown.TASKS) == flight_plan.TASKS
 
 
 def test_the_plan_of_another_task_is_of_its_own_files():

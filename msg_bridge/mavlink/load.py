@@ -68,11 +68,14 @@ class LoadObserver:
             self._advance(acceleration, dt / n)
 
     def _advance(self, acceleration: Array, h: float) -> None:
-        """A step: u'' = -|u'|² u - (b - (b · u) u) / L - c u', with b = a + g upwards."""
+        """A step: u'' = -|u'|² u - (b - (b · u) u) / L - c u', with b = a + g upwards.
+
+        What goes along u is left to `_turn`, which keeps its length.
+        """
         u, pull = self.direction, acceleration + _UPWARDS
         stiffness = float(pull @ u) / self._cable
         jacobian = np.array([[1.0, h], [stiffness * h, 1.0 - self._damping * h]])
-        self.rate = self.rate + h * (stiffness * u - pull / self._cable - self._damping * self.rate)
+        self.rate = self.rate - h * (pull / self._cable + self._damping * self.rate)
         self._turn(h)
         self._covariance = jacobian @ self._covariance @ jacobian.T
         self._covariance[1, 1] += self._gust * h

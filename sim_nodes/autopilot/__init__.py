@@ -5,6 +5,7 @@
     with Sitl("ardupilot", ["udpout:127.0.0.1:14550"], {"SIM_SPEEDUP": 4.0}) as sitl:
         ...
 
-Inside all is north, east, down, as on the wire: this is the far side of the bridge and shares
-nothing with it but MAVLink.
+What is steered and told is north, east, down, as on the wire, and what flies is the quadrotor of
+`sim_nodes.quadrotor`, east, north, up: this is the far side of the bridge, and shares nothing with
+it but MAVLink and the task that both are about.
 """
