@@ -71,11 +71,15 @@ def test_in_real_time_on_sockets(tmp_path, like):
 
 @pytest.mark.parametrize("setpoints", ["acceleration", "velocity"])
 def test_states_are_where_the_vehicle_is(tmp_path, setpoints):
-    """Also along another axis: the task's x is the truth along the track."""
+    """Also along another axis: the task's x is the truth along the track.
+
+    Without the estimate's own error, by which nobody can be exact.
+    """
     truth = []
     with Flying(
-        tmp_path, "px4", heading=np.pi / 2, origin=(1.0, 2.0), setpoints=setpoints, episodes=2
-    ) as f:
+        tmp_path, "px4", heading=np.pi / 2, origin=(1.0, 2.0), setpoints=setpoints, episodes=2,
+        autopilot={"SIM_WANDER": 0.0},
+    ) as f:  # fmt: skip
         act = f.act
 
         def look(seen):
@@ -87,10 +91,10 @@ def test_states_are_where_the_vehicle_is(tmp_path, setpoints):
     assert len(truth) > 20
     for seen, (position, velocity, load) in truth:
         x, speed, angle, _ = seen.state
-        assert x == pytest.approx(position[1] - 2.0, abs=0.3)
-        assert speed == pytest.approx(velocity[1], abs=0.5)
+        assert x == pytest.approx(position[1] - 2.0, abs=0.1)
+        assert speed == pytest.approx(velocity[1], abs=0.2)
         offset = load - position
-        assert angle == pytest.approx(np.arctan2(offset[1], -offset[2]), abs=0.25)
+        assert angle == pytest.approx(np.arctan2(offset[1], -offset[2]), abs=0.1)
 
 
 def test_the_reward_of_a_drop_is_where_the_load_came_down(tmp_path):
@@ -104,8 +108,9 @@ def test_the_reward_of_a_drop_is_where_the_load_came_down(tmp_path):
 
 def test_without_a_feed_the_swing_is_estimated(tmp_path):
     with Flying(
-        tmp_path, "px4", autopilot={"SIM_LOAD_RATE": 0.0}, load_source="estimate", episodes=3
-    ) as f:
+        tmp_path, "px4", autopilot={"SIM_LOAD_RATE": 0.0, "SIM_WANDER": 0.0},
+        load_source="estimate", episodes=3,
+    ) as f:  # fmt: skip
         assert any("estimated" in item.found for item in f.checklist)
         errors = []
         act = f.act
@@ -117,7 +122,7 @@ def test_without_a_feed_the_swing_is_estimated(tmp_path):
 
         f.act = look
         f.episodes(3)
-    assert np.sqrt(np.mean(np.square(errors))) < 0.15
+    assert np.sqrt(np.mean(np.square(errors))) < 0.08  # with PX4's wander 0.12 to 0.21
 
 
 # ------------------------------------------------------------ in two axes
