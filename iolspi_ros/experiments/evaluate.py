@@ -148,7 +148,8 @@ def succeeded(task: Task, episodes: Sequence[EpisodeRecord]) -> NDArray[np.bool_
     ndarray of bool, shape (n_episodes,)
     """
     about = task.description
-    length = about.episode_steps + 1
+    # A load that was let go in the last step of a flight comes down after it.
+    length = max(about.episode_steps + 1, *(len(episode.states) for episode in episodes))
     states = np.empty((length, len(episodes), about.n_dims))
     rewards = np.zeros((length, len(episodes)))
     for number, episode in enumerate(episodes):
