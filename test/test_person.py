@@ -137,6 +137,18 @@ def steps(person):
     }  # fmt: skip
 
 
+def test_who_stands_by_says_nothing_while_somebody_else_flies(nodes, person):
+    person.listen("action", Float64MultiArray)
+    nodes.start("simulator", "-p", "mode:=realtime")
+    stand_by(nodes)
+    learn(nodes)
+    n = len(person.heard["action"])
+    person.until(lambda: len(person.heard["action"]) > n + 300)
+    assert Source.HUMAN not in {message.data[5] for message in person.heard["action"][n:]}
+    person.press(True)
+    person.until(lambda: person.source() == Source.HUMAN)
+
+
 @pytest.mark.parametrize(
     ("count", "mode"),
     [(12, "lockstep"), (12, "realtime"), pytest.param(100, "lockstep", marks=pytest.mark.slow),

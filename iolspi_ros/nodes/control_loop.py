@@ -98,7 +98,7 @@ class ControlLoop:
     note : callable
         Takes each observation that is not a repeated one, before anything is made of it.
     waits : bool
-        Whether the vehicle waits for its answers, as far as was seen.
+        Whether the vehicle waits for its answers: it did not fly on while one was owed.
     """
 
     def __init__(
@@ -209,7 +209,9 @@ class ControlLoop:
             self._controller.transition(before, transition)
         if key < self._newest or not self.running:
             return
-        if self.waits and self._controller.busy and not self._overtaken(key):
+        waiting = self._waiting
+        self.waits &= waiting is None or key == (waiting.episode, waiting.step)
+        if self._controller.busy:
             self._waiting = observation
             return
         self._waiting = None
@@ -218,17 +220,6 @@ class ControlLoop:
         self._pack(observation)
         self._publish()
         self._controller.answered(observation, self._source, self._answer)
-
-    def _overtaken(self, key: tuple[int, int]) -> bool:
-        """Whether a vehicle that ought to wait has flown on; it is answered from now on."""
-        waiting = self._waiting
-        if waiting is not None and key != (waiting.episode, waiting.step):
-            self.waits = False
-            self._node.get_logger().warning(
-                "the vehicle does not wait while an update is computed: it is flown with the "
-                "policy before; set background:=true to have that from the first update on"
-            )
-        return not self.waits
 
     def _count(self, observation: Observation) -> None:
         """Take the pulse of the vehicle."""

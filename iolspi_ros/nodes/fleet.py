@@ -44,6 +44,11 @@ class Fleet(ControlLoop):
             name: _Other(node, task, controller, name, self.counts) for name in others if name
         }
 
+    @property
+    def all_wait(self) -> bool:
+        """Whether every vehicle waits for its answers, as far as was seen."""
+        return self.waits and all(other.waits for other in self._others.values())
+
     def start(self) -> None:
         """Begin to answer."""
         super().start()
@@ -103,6 +108,11 @@ class _Other:
         self._same = False
         self._loop.stop()
         self._node.get_logger().error(f"{text}; it is not flown")
+
+    @property
+    def waits(self) -> bool:
+        """See `ControlLoop`."""
+        return self._loop.waits
 
     def start(self) -> None:
         self._wanted = True

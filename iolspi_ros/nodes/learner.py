@@ -356,12 +356,20 @@ class LearnerNode(ManagedNode):
         if self._due and self.core is not None:
             self._due = False
             self._update(self.core)
-        return self.core is not None and self._computing.updating and self._waited_for
+        if self.core is None or not self._computing.updating:
+            return False
+        if not self._loop.all_wait and not self.settings.background:
+            self.get_logger().warning(
+                "the vehicle does not wait while an update is computed: it is flown with the "
+                "policy before; set background:=true to have that from the first update on",
+                once=True,
+            )
+        return self._waited_for
 
     @property
     def _waited_for(self) -> bool:
         """Whether the vehicle stands still until an update has ended."""
-        return self._loop.waits and not self.settings.background
+        return self._loop.all_wait and not self.settings.background
 
     def choose(self, observation: Observation) -> tuple[int, Source]:
         """Act on what was learned so far."""
