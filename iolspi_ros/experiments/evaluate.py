@@ -148,7 +148,8 @@ def succeeded(task: Task, episodes: Sequence[EpisodeRecord]) -> NDArray[np.bool_
     ndarray of bool, shape (n_episodes,)
     """
     about = task.description
-    # A load that was let go in the last step of a flight comes down after it.
+    # On an autopilot a load that is let go at the very end comes down after it, and a state
+    # that comes late has the number that its time says.
     length = max(about.episode_steps + 1, *(len(episode.states) for episode in episodes))
     states = np.empty((length, len(episodes), about.n_dims))
     rewards = np.zeros((length, len(episodes)))
