@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.settings import Settings, setting
@@ -60,7 +60,7 @@ class Noise(NamedTuple):
     sensor: Array
 
 
-@njit(cache=True)
+@cached_njit()
 def action_noise(noise: Noise, rng: np.random.Generator) -> float:
     """What is added to an action, in its unit (T Eq. 10-1; T 8-1)."""
     added = noise.action * rng.standard_normal() if noise.action else 0.0
@@ -69,7 +69,7 @@ def action_noise(noise: Noise, rng: np.random.Generator) -> float:
     return added
 
 
-@njit(cache=True)
+@cached_njit()
 def blur(noise: Noise, rng: np.random.Generator, seen: Array) -> None:
     """Add the sensors' noise to a state, in place (T Eq. 10-2)."""
     for d in range(len(seen)):

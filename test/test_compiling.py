@@ -34,3 +34,21 @@ def test_what_they_compile_is_whole(tmp_path, task):
     together = [start(compiled) for compiled in (0, 2)]
     assert [process.wait(120) for process in together] == [0, 0]
     assert start(0).wait(120) == 0
+
+
+@pytest.mark.parametrize("how", ["full", "nowhere"])
+def test_a_disk_that_takes_nothing_ends_nothing(tmp_path, how):
+    """What was compiled is only not kept."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    if how == "nowhere":
+        folder = tmp_path / "file" / "cache"
+        folder.parent.write_text("")
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+    command = [sys.executable, "-c", (limit if how == "full" else "") + STEPS, "0", "pendulum"]
+    done = subprocess.run(
+        command, env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert not list(tmp_path.rglob("*.nbc"))

@@ -19,7 +19,7 @@ ROOMS = {
     "ground": ("iolspi_ros", "iolspi_ros.errors", "iolspi_ros.settings", "iolspi_ros.registry",
                "iolspi_ros.process", "iolspi_ros.environment", "iolspi_ros.leftovers",
                "iolspi_ros.folders", "iolspi_ros.beside", "iolspi_ros.figures",
-               "sim_nodes", "msg_bridge"),
+               "iolspi_ros.compiling", "sim_nodes", "msg_bridge"),
     "task": ("iolspi_ros.task",),
     "core": ("iolspi_ros.core",),
     "methods": ("iolspi_ros.methods",),

@@ -38,10 +38,30 @@ def test_a_slope_is_that_of_each_life_from_its_own_level():
     assert soak.slope([life[:5] for life in lives], 1) is None
 
 
-@pytest.mark.parametrize(("level", "holds"), [(-100.0, True), (-101.0, True), (-110.0, False)])
+def test_what_never_changes_grows_by_nothing():
+    life = np.column_stack([np.arange(0.0, 100.0), np.full(100, 24.0)])
+    assert soak.slope([life, life + 3.0], 1) == (0.0, 0.0)
+
+
+def test_a_return_is_that_of_an_episode_heard_whole_and_each_reward_counts_once():
+    returns = soak.Returns()
+    rows = (
+        (0, 0, 0.0, False), (0, 1, -1.0, False), (0, 1, -1.0, False), (0, 2, -2.0, True),
+        (0, 2, -2.0, True),  # -3; sent again, as a vehicle in lockstep does
+        (1, 0, 0.0, False), (1, 2, -5.0, True),  # step 1 is missing
+        (2, 0, 0.0, False), (2, 1, -7.0, False),
+        (0, 0, 0.0, False), (0, 1, -4.0, True),  # the vehicle was killed, and counts anew
+    )  # fmt: skip
+    found = [returns.take(*row) for row in rows]
+    assert [value for value in found if value is not None] == [-3.0, -4.0]
+
+
+@pytest.mark.parametrize(
+    ("level", "holds"), [(-100.0, True), (-101.0, True), (-110.0, False), (np.nan, False)]
+)
 def test_a_return_that_suffers_is_said(level, holds):
     clean = soak.Run(scores=[-100.0 + (-1) ** k for k in range(400)], steps=1)
     harmed = soak.Run(scores=[level + (-1) ** k for k in range(400)], steps=1)
     row = next(r for r in soak.rows(clean, harmed) if r.name.startswith("return lost"))
     assert row.holds == holds
-    assert row.value == pytest.approx(-100.0 - level)
+    assert row.value == pytest.approx(-100.0 - level, nan_ok=True)

@@ -54,7 +54,7 @@ class Run:
     Attributes
     ----------
     scores : list of float
-        Sum of rewards of each episode, in the order in which they were heard.
+        Sum of rewards of each episode, as the vehicle itself said them.
     steps : int
     kills : Counter
         By node.
@@ -96,11 +96,12 @@ def fly(
         "seed": seed, "checkpoint": str(folder / "checkpoint.npz"), "resume": True,
         "wait_for_demonstrations": False, "vehicle_timeout": 0.0, "checkpoint_seconds": SAVE_EVERY,
     }  # fmt: skip
-    with graph.Graph(folder) as nodes, runtime.session(), _listening(run) as spin:
+    vehicle = VEHICLE if harmed else ""
+    with graph.Graph(folder) as nodes, runtime.session(), _listening(run, vehicle) as spin:
         if harmed:
             nodes.run("relay", "iolspi_ros.bench.relay", str(seed))
         simulator = {"task": task, "seed": seed, "resend_after": RESEND}
-        nodes.start("simulator", simulator, file, namespace=VEHICLE if harmed else "")
+        nodes.start("simulator", simulator, file, namespace=vehicle)
         nodes.start("learner", learner, file)
         harm = Harm(nodes, run, rng, kill_every)
         heard, last = 0, time.monotonic()
@@ -172,16 +173,36 @@ class Harm:
             self._full_since, self._next = 0.0, time.monotonic() + self._every
 
 
+class Returns:
+    """Sums up the rewards of episodes that were heard whole, however often each was sent."""
+
+    def __init__(self) -> None:
+        self._key, self._heard, self._sum = (-1, -1), 0, 0.0
+
+    def take(self, episode: int, step: int, reward: float, last: bool) -> float | None:
+        """Return of the episode that ends with this row; None when it goes on, or has holes."""
+        if (episode, step) == self._key:
+            return None
+        if step == 0 or episode != self._key[0]:
+            self._heard, self._sum = 0, 0.0
+        self._key = (episode, step)
+        self._heard += step > 0
+        self._sum += reward
+        return self._sum if last and self._heard == step else None
+
+
 @contextmanager
-def _listening(run: Run) -> Iterator[Callable[[], None]]:
-    """Hear scores and vitals."""
-    rows = wire.ScoreRows()
+def _listening(run: Run, vehicle: str) -> Iterator[Callable[[], None]]:
+    """Hear the vehicle's rewards, from before anybody has falsified them, and everyone's vitals."""
+    rows, returns = wire.RewardRows(), Returns()
     node = rclpy.create_node("soak")
 
-    def on_score(message: Any) -> None:
-        _, step, _, _, score, *_ = rows.read(message)
-        run.scores.append(score)
-        run.steps += int(step)
+    def on_reward(message: Any) -> None:
+        episode, step, _, _, reward, terminated, truncated, *_ = rows.read(message)
+        found = returns.take(int(episode), int(step), reward, bool(terminated or truncated))
+        if found is not None:
+            run.scores.append(found)
+            run.steps += int(step)
 
     def on_vitals(message: Any) -> None:
         for status in message.status:
@@ -193,7 +214,7 @@ def _listening(run: Run) -> Iterator[Callable[[], None]]:
                 numbers = (time.monotonic(), *(float(said[key]) for key in FILES))
                 run.vitals[name, run.kills[name]].append(numbers)
 
-    node.create_subscription(Float64MultiArray, "score", on_score, qos.REPORTS)
+    node.create_subscription(Float64MultiArray, f"{vehicle}/reward", on_reward, qos.RECORDING)
     node.create_subscription(DiagnosticArray, "/diagnostics", on_vitals, qos.OUTGOING)
     try:
         with closing(runtime.Loop(node)) as loop:
@@ -249,7 +270,7 @@ def rows(clean: Run, harmed: Run) -> list[Row]:
         Row("clean: return of an episode, the last quarter", float(a.mean()), ""),
         Row("harmed: the same", float(b.mean()), ""),
         Row("return lost by the harm", 100 * lost, f"± {100 * spread:.2g} %", "at most 2",
-            bool(lost <= 0.02 + spread)),
+            bool(np.isfinite(spread) and lost <= 0.02 + spread)),
     ]  # fmt: skip
     for run, name in ((clean, "clean"), (harmed, "harmed")):
         for node in sorted({key[0] for key in run.vitals}):
@@ -276,6 +297,8 @@ def slope(lives: list[np.ndarray], column: int) -> tuple[float, float] | None:
             values.append(life[:, column] - life[:, column].mean())
     if not times:
         return None
+    if not np.concatenate(values).any():
+        return 0.0, 0.0  # it never changed, which leaves nothing to fit
     fit = stats.linregress(np.concatenate(times) / 3600.0, np.concatenate(values))
     return float(fit.slope), float(1.96 * fit.stderr)
 

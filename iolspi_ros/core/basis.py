@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.errors import InputError, check_range
 
@@ -190,7 +190,7 @@ class Basis(ABC):
         return np.split(parts, np.cumsum(self.table.counts)[:-1], axis=1)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _factors(table: Table, state: Array, out: Array) -> None:
     first = 0
     for d in range(len(table.counts)):
@@ -212,7 +212,7 @@ def _factors(table: Table, state: Array, out: Array) -> None:
         first += count
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def evaluate(table: Table, state: Array, factors: Array, phi: Array) -> None:
     """φ of one state, compiled: `factors` and `phi` are overwritten."""
     if len(table.points):
@@ -255,7 +255,7 @@ def evaluate(table: Table, state: Array, factors: Array, phi: Array) -> None:
         first += count
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def weigh(
     table: Table, weights: Array, state: Array, factors: Array, phi: Array, out: Array
 ) -> None:
@@ -268,14 +268,14 @@ def weigh(
         out[a] = total
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _evaluate_all(table: Table, states: Array, phi: Array) -> None:
     factors = np.empty(table.counts.sum())
     for row in range(len(states)):
         evaluate(table, states[row], factors, phi[row])
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _factors_all(table: Table, states: Array, parts: Array) -> None:
     for row in range(len(states)):
         _factors(table, states[row], parts[row])

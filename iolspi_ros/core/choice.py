@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.basis import Table, weigh
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.shield import Guard, allowed, safest
@@ -40,14 +40,14 @@ class Choice(NamedTuple):
     q: Array
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def epsilon_at(exploring: tuple[float, float, float, float], step: int) -> float:
     """Exploration rate at an online step (T Eq. 14)."""
     start, decay, sampling_time, floor = exploring
     return max(start * decay ** (step * sampling_time), floor)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def choose(memory: Choice, rng: np.random.Generator, step: int, state: Array) -> tuple[int, int]:
     """Action and its source (T Algorithm 2, line 5); one of several of the same value at random.
 
@@ -62,7 +62,7 @@ def choose(memory: Choice, rng: np.random.Generator, step: int, state: Array) ->
     return guarded(memory, state, action, _EXPLOIT)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def greedy_action(memory: Choice, state: Array, which: int) -> tuple[int, int]:
     """One of the actions of the largest value, counted from 0, and how many there are.
 
@@ -83,7 +83,7 @@ def greedy_action(memory: Choice, state: Array, which: int) -> tuple[int, int]:
     return action, count
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def guarded(memory: Choice, state: Array, action: int, source: int) -> tuple[int, int]:
     """The action, or another where the shield vetoes it."""
     guard = memory.guard

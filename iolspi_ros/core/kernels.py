@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.basis import Basis, Table
 from iolspi_ros.errors import InputError
 
@@ -211,7 +211,7 @@ def ranges(states: Array, periods: Array) -> Array:
     return scales
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _farthest(places: Array, loyalty: Array, size: int) -> NDArray[np.int64]:
     """Numbers of some places, each time of the one farthest from all before."""
     far = np.full(len(places), np.inf)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.errors import check_range
 
 Array = NDArray[np.float64]
@@ -222,7 +222,7 @@ def optimal(task: FiniteTask, start: int) -> Episode:
     return fly(task, start, actions)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _choose(values: Array, rng: np.random.Generator) -> int:
     """Number of the largest value, drawn among equal ones."""
     best, equal = 0, 1
@@ -236,7 +236,7 @@ def _choose(values: Array, rng: np.random.Generator) -> int:
     return best
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _learn(
     tables: tuple[NDArray[np.int32], Array, NDArray[np.bool_], Array, float],
     starts: Numbers,

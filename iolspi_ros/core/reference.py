@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.errors import InputError
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ class Grid:
         return np.array([math.prod(self.counts[d + 1 :]) for d in range(len(self.counts))])
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _between(
     values: Array, cell: int, shares: Array, corners: NDArray[np.int64], work: Array
 ) -> float:
@@ -104,7 +104,7 @@ def _between(
     return work[0]
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _interpolate(
     values: Array, cells: NDArray[np.int32], shares: Array, corners: NDArray[np.int64]
 ) -> Array:
@@ -114,7 +114,7 @@ def _interpolate(
     return found
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _sweep(
     values: Array,
     choice: NDArray[np.int8],

@@ -13,9 +13,9 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.moments import fading
 from iolspi_ros.core.samples import Transitions
 
@@ -215,7 +215,7 @@ def _terms(n_dims: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.array(parent), np.array(factor)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _expand(guard: Guard, state: Array, terms: Array) -> None:
     terms[0] = 1.0
     for k in range(1, len(terms)):
@@ -223,13 +223,13 @@ def _expand(guard: Guard, state: Array, terms: Array) -> None:
         terms[k] = terms[guard.parent[k]] * (state[d] - guard.middle[d]) / guard.half[d]
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _expand_all(guard: Guard, states: Array, terms: Array) -> None:
     for row in range(len(states)):
         _expand(guard, states[row], terms[row])
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def predict(guard: Guard, state: Array, action: int, terms: Array, out: Array) -> bool:
     """Where one step leads, into `out`; whether that is inside the envelope."""
     _expand(guard, state, terms)
@@ -247,7 +247,7 @@ def predict(guard: Guard, state: Array, action: int, terms: Array, out: Array) -
     return inside
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def lasting(guard: Guard, state: Array, action: int) -> int:
     """Steps that the vehicle can stay inside after an action, at most `HORIZON`.
 
@@ -288,20 +288,20 @@ def lasting(guard: Guard, state: Array, action: int) -> int:
     return most
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _lasting_all(guard: Guard, states: Array, steps: NDArray[np.int64]) -> None:
     for row in range(len(states)):
         for action in range(steps.shape[1]):
             steps[row, action] = lasting(guard, states[row], action)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def allowed(guard: Guard, state: Array, action: int) -> bool:
     """Whether an action may be taken."""
     return not guard.active or lasting(guard, state, action) == HORIZON
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def safest(guard: Guard, state: Array, q: Array) -> int:
     """The action after which the vehicle can stay inside longest; of several, the best.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.moments import Moments
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def _in_turn(moments: Moments, last: NDArray[np.bool_], gamma: float, scaling: s
     )
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _norm(matrix: Array) -> float:
     """Largest sum of a row's magnitudes: the 1-norm of the transpose."""
     most = 0.0

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.basis import Basis, Table, weigh
 from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.lspi import Iteration, offline_lspi
@@ -267,13 +268,13 @@ def learn(
     return found
 
 
-@njit(cache=True)
+@cached_njit()
 def _perturbed(deviation: float, rng: np.random.Generator, state: Array) -> None:
     for d in range(len(state)):
         state[d] = deviation * rng.standard_normal()
 
 
-@njit(cache=True)
+@cached_njit()
 def _noise(rng: np.random.Generator) -> float:
     return FORCE_NOISE * (2.0 * rng.random() - 1.0)
 

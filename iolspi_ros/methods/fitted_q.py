@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.learner import Proceed
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.errors import InputError
@@ -187,7 +187,7 @@ def _sound(nodes: Array, task: TaskDescription) -> bool:
     return bool(onward.all() and known.all())
 
 
-@njit(cache=True)
+@cached_njit()
 def _predict(nodes: Array, states: Array, q: Array) -> None:
     """Put the mean of each action's trees into `q`, which holds zeros."""
     counts = np.zeros(q.shape[1])

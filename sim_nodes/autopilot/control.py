@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.autopilot.ground import push, touch
 from sim_nodes.quadrotor.airframe import Airframe, G, Payload
 from sim_nodes.quadrotor.body import SIZE, STAGES, move
@@ -60,7 +60,7 @@ class Target(NamedTuple):
     yaw_rate: float = 0.0  # [rad/s], where yaw is NaN
 
 
-@njit(cache=True)
+@cached_njit()
 def root_control(error: float, p: float, limit: float) -> float:
     """Rate that brings an error to zero: in proportion nearby, by a root where that is too fast."""
     near = limit / (p * p)
@@ -71,7 +71,7 @@ def root_control(error: float, p: float, limit: float) -> float:
     return error * p
 
 
-@njit(cache=True)
+@cached_njit()
 def shape(reference: Array, axis: int, use: int, values: Array, gains: Gains, dt: float) -> None:
     """Move one axis of the reference (3, 3) towards its target under the limits."""
     kind = 1 if axis == 2 else 0
@@ -101,7 +101,7 @@ def shape(reference: Array, axis: int, use: int, values: Array, gains: Gains, dt
     reference[0, axis] += reference[1, axis] * dt
 
 
-@njit(cache=True)
+@cached_njit()
 def follow(
     axis: int, use: int, values: Array, reference: Array, integral: Array,
     position: Array, velocity: Array, gains: Gains, dt: float,
@@ -129,7 +129,7 @@ def follow(
     return push + gains.velocity[kind] * error + integral[axis]
 
 
-@njit(cache=True)
+@cached_njit()
 def lean(wanted: Array, tilt: float) -> tuple[float, float, float]:
     """Thrust over mass (east, north, up) [m/s^2] that gives an acceleration (north, east, down)."""
     north, east, lift = wanted[0], wanted[1], max(G - wanted[2], 0.2 * G)
@@ -139,7 +139,7 @@ def lean(wanted: Array, tilt: float) -> tuple[float, float, float]:
     return east, north, lift
 
 
-@njit(cache=True)
+@cached_njit()
 def learn_hover(hover: Array, lift: float, sinks: float, dt: float) -> None:
     """What the thrust does not turn into acceleration is the weight of the load.
 
@@ -158,7 +158,7 @@ def learn_hover(hover: Array, lift: float, sinks: float, dt: float) -> None:
         hover[0] += (ratio - hover[0]) * dt / HOVER_TIME
 
 
-@njit(cache=True)
+@cached_njit()
 def fly(
     state: Array, reference: Array, integral: Array, hover: Array,
     use: NDArray[np.int64], values: Array, yaw: float, yaw_rate: float,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.quadrotor.airframe import Airframe, Payload
 from sim_nodes.quadrotor.body import CABLE, LOAD, SIZE
 from sim_nodes.quadrotor.cable import SLACK, TAUT, distance
@@ -26,7 +26,7 @@ def at_rest(load: tuple[float, float]) -> Array:
     return state
 
 
-@njit(cache=True)
+@cached_njit()
 def touch(state: Array, payload: Payload, dt: float) -> float:
     """Stop at the ground what a step has brought below it, in place.
 
@@ -52,7 +52,7 @@ def touch(state: Array, payload: Payload, dt: float) -> float:
     return impact
 
 
-@njit(cache=True)
+@cached_njit()
 def push(state: Array, frame: Airframe) -> float:
     """Thrust of the rotors over the quadrotor's mass [m/s^2]."""
     squares = 0.0

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.quadrotor.airframe import Airframe, G, Payload
 from sim_nodes.quadrotor.cable import GONE, SLACK, TAUT, distance, tension, tighten
 
@@ -29,7 +29,7 @@ STAGES = 5
 _CONTACTS = 4  # times that a cable may change within one step
 
 
-@njit(cache=True)
+@cached_njit()
 def derivative(
     state: Array, command: Array, wind: Array, frame: Airframe, payload: Payload, out: Array
 ) -> float:
@@ -100,7 +100,7 @@ def derivative(
     return pull
 
 
-@njit(cache=True)
+@cached_njit()
 def _runge_kutta(
     state: Array, command: Array, wind: Array, frame: Airframe, payload: Payload, dt: float,
     room: Array,
@@ -117,7 +117,7 @@ def _runge_kutta(
         )
 
 
-@njit(cache=True)
+@cached_njit()
 def move(
     state: Array, command: Array, wind: Array, frame: Airframe, payload: Payload, dt: float,
     room: Array,
@@ -158,7 +158,7 @@ def move(
         state[i] /= norm
 
 
-@njit(cache=True)
+@cached_njit()
 def _until_taut(
     state: Array, command: Array, wind: Array, frame: Airframe, payload: Payload, dt: float,
     room: Array,
@@ -179,7 +179,7 @@ def _until_taut(
     return high
 
 
-@njit(cache=True)
+@cached_njit()
 def moves(
     states: Array, commands: Array, wind: Array, frame: Airframe, payload: Payload, dt: float,
     steps: int,
@@ -233,7 +233,7 @@ def direction(angle_x: float, angle_y: float) -> Array:
     return np.array([x, y, -math.sqrt(max(1.0 - x * x - y * y, 0.0))])
 
 
-@njit(cache=True)
+@cached_njit()
 def swing(state: Array, out: Array) -> None:
     """Angles of the cable and their rates, into four places: (θx, θ̇x, θy, θ̇y) [rad, rad/s].
 

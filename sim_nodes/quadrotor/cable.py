@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.quadrotor.airframe import Payload
 
 Array = NDArray[np.float64]
@@ -21,14 +21,14 @@ GONE, SLACK, TAUT = 0.0, 1.0, 2.0
 """What the cable is: let go, loose, under tension."""
 
 
-@njit(cache=True, inline="always")
+@cached_njit(inline="always")
 def distance(state: Array) -> float:
     """Between the vehicle and its load [m]."""
     x, y, z = state[17] - state[0], state[18] - state[1], state[19] - state[2]
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, inline="always")
+@cached_njit(inline="always")
 def tension(
     state: Array, apart: tuple[float, float, float], mass: float, payload: Payload
 ) -> tuple[float, float, float, float]:
@@ -57,7 +57,7 @@ def tension(
     return (parting + turning) * mass * payload.mass / (mass + payload.mass), x, y, z
 
 
-@njit(cache=True)
+@cached_njit()
 def tighten(state: Array, mass: float, payload: Payload) -> float:
     """Put a taut cable to its length and let the two part no longer, in place.
 

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.quadrotor.airframe import Airframe, G
 
 Array = NDArray[np.float64]
@@ -46,26 +46,26 @@ class Gains(NamedTuple):
     climb_limit: float = 1.5  # [m/s]
 
 
-@njit(cache=True, inline="always")
+@cached_njit(inline="always")
 def clip(value: float, low: float, high: float) -> float:
     """Keep a value between two limits."""
     return min(max(value, low), high)
 
 
-@njit(cache=True)
+@cached_njit()
 def heading_of(state: Array) -> float:
     """Where the nose points, counter-clockwise from east [rad]."""
     w, x, y, z = state[6], state[7], state[8], state[9]
     return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
 
 
-@njit(cache=True)
+@cached_njit()
 def begin(state: Array, load_share: float, memory: Array) -> None:
     """Hold where it is now, in place; `load_share` of its own mass hangs below it."""
     memory[:] = state[2], heading_of(state), 0.0, 0.0, G * load_share, 1.0
 
 
-@njit(cache=True)
+@cached_njit()
 def steer(
     state: Array, memory: Array, mode: int, sticks: Array, gains: Gains, frame: Airframe,
     dt: float, command: Array,
@@ -116,7 +116,7 @@ def steer(
     mix(thrust, moments, frame, command)
 
 
-@njit(cache=True)
+@cached_njit()
 def _climb(state: Array, memory: Array, stick: float, gains: Gains, dt: float) -> float:
     """Acceleration upwards [m/s²] that holds the altitude, or climbs as the stick says."""
     wanted = clip(stick, -gains.climb_limit, gains.climb_limit)
@@ -131,7 +131,7 @@ def _climb(state: Array, memory: Array, stick: float, gains: Gains, dt: float) -
     return clip(gains.climb * error + memory[4], -0.7 * G, 1.5 * G)
 
 
-@njit(cache=True)
+@cached_njit()
 def attitude(
     state: Array, push: tuple[float, float, float], heading: float, turn: float, gains: Gains,
     frame: Airframe,
@@ -166,7 +166,7 @@ def attitude(
     return max(up, 0.0) * frame.mass, (roll, pitch, jz * yaw)
 
 
-@njit(cache=True)
+@cached_njit()
 def mix(
     thrust: float, moments: tuple[float, float, float], frame: Airframe, command: Array
 ) -> None:

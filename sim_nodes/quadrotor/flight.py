@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.quadrotor.airframe import Airframe, Payload
 from sim_nodes.quadrotor.body import SIZE, STAGES, move
 from sim_nodes.quadrotor.control import MEMORY, Gains, steer
@@ -47,7 +47,7 @@ def vehicle(state: Array, air: Gusts, rng: np.random.Generator) -> Vehicle:
     return Vehicle(state, np.zeros(MEMORY), gust, air.steady.copy())
 
 
-@njit(cache=True)
+@cached_njit()
 def fly(
     one: Vehicle, mode: int, sticks: Array, air: Gusts, rng: np.random.Generator,
     gains: Gains, frame: Airframe, payload: Payload, steps: int,
@@ -60,7 +60,7 @@ def fly(
         move(one.state, command, one.wind, frame, payload, STEP, room)
 
 
-@njit(cache=True)
+@cached_njit()
 def fly_all(
     states: Array, memories: Array, mode: int, sticks: Array, wind: Array,
     gains: Gains, frame: Airframe, payload: Payload, steps: int,

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.errors import InputError, check_range
 
 Array = NDArray[np.float64]
@@ -122,7 +122,7 @@ def gusts(speed: float, direction: float, height: float, dt: float, strength: fl
     return Gusts(speed * axes[0], axes, keep, fresh, out, begin)
 
 
-@njit(cache=True)
+@cached_njit()
 def begin_gusts(air: Gusts, rng: np.random.Generator, gust: Array) -> None:
     """States of the gusts, shape (3, 2), as they are in the long run, in place."""
     for axis in range(3):
@@ -130,7 +130,7 @@ def begin_gusts(air: Gusts, rng: np.random.Generator, gust: Array) -> None:
             gust[axis, i] = air.begin[axis, i] * rng.standard_normal()
 
 
-@njit(cache=True)
+@cached_njit()
 def blow(air: Gusts, rng: np.random.Generator, gust: Array, wind: Array) -> None:
     """One step of the gusts, in place, and the air's velocity [m/s], shape (3,), into `wind`."""
     wind[:] = air.steady

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.core.qlearning import FiniteTask
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ ACCELERATIONS = (-10.0, 0.0, 10.0)
 """Of the quadrotor [m/s²]; T gives none, see `SlungGrid`."""
 
 
-@njit(cache=True)
+@cached_njit()
 def _move(state: Array, acceleration: float, low: Array, high: Array, following: Array) -> None:
     """One T_s by T Eqs. 5-1 to 5-6, capped; angles in radians here."""
     x, speed, angle, rate = state
@@ -39,7 +39,7 @@ def _move(state: Array, acceleration: float, low: Array, high: Array, following:
     following[2] = min(max(angle + following[3] * DT, low[2]), high[2])
 
 
-@njit(cache=True)
+@cached_njit()
 def _successors(low: Array, spacing: Array, counts: NDArray[np.int64]) -> NDArray[np.int32]:
     """The point next to where each action leads from each point."""
     high = low + spacing * (counts - 1)

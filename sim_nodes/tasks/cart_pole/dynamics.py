@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.tasks.base import G
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ LENGTH = 0.5  # l [m]
 PARAMETERS = (G, MASS, LENGTH, 1.0 / (MASS + CART), SAMPLING_TIME)
 
 
-@njit(cache=True)
+@cached_njit()
 def _acceleration(angle: float, rate: float, force: float, p: Array) -> float:
     """α̈ [rad/s²] (T Eq. 8-1)."""
     g, m, l, kappa, _ = p  # noqa: E741
@@ -37,7 +37,7 @@ def _acceleration(angle: float, rate: float, force: float, p: Array) -> float:
     )
 
 
-@njit(cache=True)
+@cached_njit()
 def step(
     state: Array, action: int, noise: float, parameters: Array, next_state: Array
 ) -> tuple[float, bool]:
@@ -57,7 +57,7 @@ def step(
     return (-1.0 if fell else 0.0), fell
 
 
-@njit(cache=True)
+@cached_njit()
 def steps(
     states: Array,
     actions: NDArray[np.int64],

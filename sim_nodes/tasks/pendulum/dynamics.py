@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from iolspi_ros.compiling import cached_njit
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ def wrap(angle: Any) -> Any:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-@njit(cache=True)
+@cached_njit()
 def _acceleration(angle: float, rate: float, voltage: float, p: Array) -> float:
     """α̈ [rad/s²] (T Eq. 15)."""
     g, J, m, l, b, K, R, _ = p  # noqa: E741
@@ -38,7 +39,7 @@ def _acceleration(angle: float, rate: float, voltage: float, p: Array) -> float:
     return (gravity - b * rate - K * K * rate / R + K * voltage / R) / J
 
 
-@njit(cache=True)
+@cached_njit()
 def step(
     state: Array, action: int, noise: float, parameters: Array, next_state: Array
 ) -> tuple[float, bool]:
@@ -60,7 +61,7 @@ def step(
     return -(5.0 * angle * angle + 0.01 * rate * rate + 0.01 * chosen * chosen), False
 
 
-@njit(cache=True)
+@cached_njit()
 def steps(
     states: Array,
     actions: NDArray[np.int64],

@@ -7,9 +7,9 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.tasks.base import G
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def outcome(reward: Any, terminated: Any) -> NDArray[np.int64]:
     return ended
 
 
-@njit(cache=True)
+@cached_njit()
 def fall(state: Array, parameters: Array) -> tuple[float, float]:
     """Time until a load released here crosses the rim's plane from above [s], and x there [m].
 
@@ -88,7 +88,7 @@ def fall(state: Array, parameters: Array) -> tuple[float, float]:
     return time, x + L * sine + (speed + L * cosine * rate) * time
 
 
-@njit(cache=True)
+@cached_njit()
 def _dunks(state: Array, parameters: Array) -> bool:
     """Whether a load released here falls into the basket."""
     goal, margin = parameters[2:4]
@@ -96,7 +96,7 @@ def _dunks(state: Array, parameters: Array) -> bool:
     return abs(landing - goal) <= margin  # not for NaN
 
 
-@njit(cache=True)
+@cached_njit()
 def judge(state: Array, next_state: Array, parameters: Array) -> tuple[float, bool]:
     """Reward and end of a step with the load on its cable (T Eq. 20)."""
     left, right = parameters[5:7]
@@ -107,7 +107,7 @@ def judge(state: Array, next_state: Array, parameters: Array) -> tuple[float, bo
     return -0.5 * abs(state[0] - parameters[2]), False
 
 
-@njit(cache=True)
+@cached_njit()
 def step(
     state: Array, action: int, noise: float, parameters: Array, next_state: Array
 ) -> tuple[float, bool]:
@@ -125,7 +125,7 @@ def step(
     return judge(state, next_state, parameters)
 
 
-@njit(cache=True)
+@cached_njit()
 def steps(
     states: Array,
     actions: NDArray[np.int64],

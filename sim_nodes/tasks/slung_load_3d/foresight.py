@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from sim_nodes.quadrotor import control
 from sim_nodes.quadrotor.airframe import Airframe, Payload
 from sim_nodes.quadrotor.body import LOAD, LOAD_VELOCITY, SIZE, STAGES, move
@@ -18,7 +18,7 @@ from sim_nodes.tasks.slung_load_3d.scene import DUNK, MISS, Basket, crash, landi
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)
+@cached_njit()
 def foresee(
     state: Array, memory: Array, wind: Array, sticks: Array, plans: NDArray[np.int64],
     basket: Basket, gains: Gains, frame: Airframe, payload: Payload, steps: int, gamma: float,

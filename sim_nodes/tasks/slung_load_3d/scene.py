@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from iolspi_ros.compiling import cached_njit
 from iolspi_ros.errors import InputError
 from sim_nodes.quadrotor.airframe import G
 from sim_nodes.quadrotor.body import CABLE as CABLE_STATE
@@ -64,7 +64,7 @@ def check_basket(basket: Basket) -> None:
             )
 
 
-@njit(cache=True)
+@cached_njit()
 def see(state: Array, seen: Array) -> None:
     """What is seen of a vehicle's state, shape (24,), into ten places."""
     for i in range(3):
@@ -81,7 +81,7 @@ def load_of(seen: Array, length: float) -> tuple[Array, Array]:
     return seen[:SWING_X:2] + length * unit, seen[1:SWING_X:2] + length * turning
 
 
-@njit(cache=True)
+@cached_njit()
 def _fallen(drag: float, time: float) -> tuple[float, float]:
     """Seconds of its own speed that a falling thing keeps, and metres that it has fallen."""
     x = drag * time
@@ -93,7 +93,7 @@ def _fallen(drag: float, time: float) -> tuple[float, float]:
     return kept, G * (time - kept) / drag
 
 
-@njit(cache=True)
+@cached_njit()
 def falling(position: Array, velocity: Array, wind: Array, drag: float, time: float) -> Array:
     """Where a load is some time after its release [m], shape (3,): exact for linear drag."""
     kept, down = _fallen(drag, time)
@@ -102,7 +102,7 @@ def falling(position: Array, velocity: Array, wind: Array, drag: float, time: fl
     return place
 
 
-@njit(cache=True)
+@cached_njit()
 def landing(position: Array, velocity: Array, wind: Array, drag: float, rim: float) -> Array:
     """Where a released load crosses the rim's plane from above: x, y [m] and the time [s].
 
@@ -125,7 +125,7 @@ def landing(position: Array, velocity: Array, wind: Array, drag: float, rim: flo
     return out
 
 
-@njit(cache=True)
+@cached_njit()
 def crash(state: Array) -> float:
     """`crashed` of a vehicle's whole state, shape (24,)."""
     qw, qx, qy, qz = state[6], state[7], state[8], state[9]
@@ -133,7 +133,7 @@ def crash(state: Array) -> float:
     return crashed(state[:3], up, state[17:20], state[CABLE_STATE] >= SLACK)
 
 
-@njit(cache=True)
+@cached_njit()
 def crashed(place: Array, up: tuple[float, float, float], load: Array, tied: bool) -> float:
     """Reward of a vehicle that has crashed, 0 for one that flies (T Eq. 20).
 
