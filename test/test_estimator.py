@@ -25,10 +25,10 @@ TASK = flown(SlungLoad(), FlightSettings())
 class Heard:
     """Telemetry of a vehicle, and a load that a system of its own reports, by plain numbers."""
 
-    def __init__(self, *, feed=True, cable=1.0, track=None):
+    def __init__(self, *, feed=True, cable=1.0, track=None, share=0.0):
         self.telemetry = Telemetry(1, 2)
         self.estimator = StateEstimator(
-            self.telemetry, track or Track(heading=0.0), cable, feed=feed
+            self.telemetry, track or Track(heading=0.0), cable, feed=feed, share=share
         )
         self.sent = []
         self.link = SimpleNamespace(
@@ -127,6 +127,53 @@ def test_the_swing_is_carried_on_to_now():
     assert now.plane(0).swing == pytest.approx(
         0.3 + 0.2 - 0.5 * 9.81 * math.sin(0.4) * 0.01, abs=0.01
     )
+
+
+def pulled(heard, t, ahead, left=0.0):
+    """ATTITUDE and SCALED_IMU of a vehicle that looks east: what pulls along its axes [m/s²].
+
+    It leans against that, and does not accelerate.
+    """
+    heard.hear(
+        dialect.MAVLink_attitude_message(
+            round(t * 1e3), left / 9.81, ahead / 9.81, math.pi / 2, 0.0, 0.0, 0.0
+        ), t, 1,
+    )  # fmt: skip
+    counts = [round(v / 9.80665 * 1e3) for v in (ahead, -left, -9.81)]
+    heard.hear(dialect.MAVLink_scaled_imu_message(round(t * 1e3), *counts, 0, 0, 0, 0, 0, 0), t, 1)
+
+
+def test_what_the_accelerometer_feels_is_where_the_load_pulls_to():
+    """It holds its place while a load swings that weighs a fifth of it."""
+    heard = Heard(feed=False, share=0.2)
+    for k in range(300):
+        t = 0.02 * k
+        angle = 0.3 * math.sin(math.sqrt(9.81) * t)
+        heard.vehicle(t, 0.0, 5.0)
+        pulled(heard, t, 0.2 * 9.81 * angle, 0.1 * 9.81 * angle)
+    now = heard.estimator.motion(t)
+    assert now.plane(0).swing == pytest.approx(angle, abs=0.05)
+    assert now.plane(1).swing == pytest.approx(0.5 * angle, abs=0.05)
+    rate = 0.3 * math.sqrt(9.81) * math.cos(math.sqrt(9.81) * t)
+    assert now.plane(0).swing_rate == pytest.approx(rate, abs=0.15)
+
+
+def test_where_the_accelerometer_falls_silent_velocities_carry_the_load_on():
+    heard = Heard(feed=False, share=0.2)
+    for k in range(26):
+        heard.vehicle(0.02 * k, 0.0, 5.0)
+        pulled(heard, 0.02 * k, 0.0)
+    for k in range(26, 76):
+        t = 0.02 * k
+        heard.vehicle(t, 0.0, 5.0, 2.0 * (t - 0.5))
+    alone = Heard(feed=False)
+    for k in range(36, 76):
+        t = 0.02 * k
+        alone.vehicle(t, 0.0, 5.0, 2.0 * (t - 0.5))
+    assert heard.estimator.motion(t).plane(0).swing == pytest.approx(
+        alone.estimator.motion(t).plane(0).swing, abs=0.05
+    )
+    assert abs(heard.estimator.motion(t).plane(0).swing) > 0.1
 
 
 def fall(heard, speed, height=5.0, drop=0.0):

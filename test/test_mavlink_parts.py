@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from motions import moving
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from iolspi_ros.bench.flying import Flying
 from iolspi_ros.core.learner import Source
@@ -124,6 +125,45 @@ def test_the_swing_along_both_axes_is_that_of_the_true_body(feed):
         assert observer.rate @ observer.direction == pytest.approx(0.0, abs=1e-9)
     assert (np.max(swung_by, axis=0) > 0.25).all()
     assert np.abs(off).max() < 0.08
+
+
+@pytest.mark.parametrize("wrong", [1.0, 0.7, 1.3])
+def test_an_accelerometer_finds_a_swing_that_nobody_knew_of(wrong):
+    """On the true body: with noise, an offset, drag that has to be learned, and a wrong mass.
+
+    Where the mass is right, the covariance is honest: the normalised squared error is about 1.
+    """
+    frame, payload = AIRFRAMES["utility"]._replace(drag_across=0.8), Payload(0.3, 1.0, 0.02)
+    rng, off, honest = np.random.default_rng(5), [], []
+    for start in ((0.4, -0.3), (-0.5, 0.1)):
+        state, memory = hovering(frame, payload, (0.0, 0.0, 5.0), start), np.zeros(MEMORY)
+        begin(state, payload.mass / frame.mass, memory)
+        observer = LoadObserver(1.0, wrong * payload.mass / frame.mass)
+        for k in range(500):
+            sticks = np.array([[2.0 * math.sin(0.06 * k), 2.0 * math.cos(0.045 * k), 0.0, 0.0]])
+            before = state[VELOCITY].copy()
+            fly_all(state[None], memory[None], ACCELERATION, sticks, np.zeros(3), Gains(), frame,
+                    payload, 4)  # fmt: skip
+            axes = Rotation.from_quat(state[6:10], scalar_first=True).as_matrix().T
+            force = (state[VELOCITY] - before) / 0.02 + (0.0, 0.0, 9.81)
+            force = force + axes[:2].T @ (0.1 * rng.standard_normal(2) + (0.1, 0.0))
+            observer.move(force - (0.0, 0.0, 9.81), 0.02, 0.1)
+            observer.feel(force, axes[:2], state[VELOCITY])
+            cable = (state[LOAD] - state[POSITION]) / payload.length
+            if k > 200:
+                error = (observer.direction - cable)[:2]
+                off.append(error)
+                honest.append(error @ np.linalg.solve(observer.covariance[:2, :2], error) / 2.0)
+    assert np.sqrt(np.mean(np.square(off))) < (0.06 if wrong == 1.0 else 0.12)
+    assert wrong != 1.0 or 0.2 < np.mean(honest) < 2.0
+    assert wrong != 1.0 or observer.drag == pytest.approx(0.8, abs=0.2)
+    assert np.linalg.eigvalsh(observer.covariance).min() > -1e-9
+
+
+def test_without_a_share_an_accelerometer_tells_nothing_of_the_load():
+    observer = LoadObserver(1.0)
+    observer.feel(np.array([3.0, 0.0, 9.81]), np.eye(3)[:2], np.zeros(3))
+    assert observer.direction.tolist() == [0.0, 0.0, -1.0]
 
 
 def test_a_feed_turns_the_cable_the_short_way():

@@ -7,10 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from sim_nodes.autopilot.autopilot import Autopilot
 from sim_nodes.autopilot.body import STEP, Body, ned
-from sim_nodes.autopilot.control import lean
-from sim_nodes.autopilot.ground import touch
+from sim_nodes.autopilot.control import Target, lean
+from sim_nodes.autopilot.firmware import find_firmware
+from sim_nodes.autopilot.ground import push, touch
 from sim_nodes.quadrotor.airframe import UTILITY, Payload
 from sim_nodes.quadrotor.body import (
     ATTITUDE,
@@ -152,3 +155,36 @@ def test_it_leans_for_the_acceleration_asked_for_and_no_further_than_it_may():
     east, north, lift = lean(np.array([50.0, 0.0, 0.0]), 0.6)
     assert math.atan2(math.hypot(north, east), lift) == pytest.approx(0.6)
     assert lift == pytest.approx(G)
+
+
+def falling_freely(body):
+    """A step without steering, as its autopilot lets it pass."""
+    gains = Autopilot(find_firmware("px4")).commander.gains()
+    body.move(Target(np.zeros(3, np.int64), np.zeros((3, 3))), gains, False, False,
+              np.zeros(4), STEP)  # fmt: skip
+
+
+def test_its_accelerometer_feels_the_cable_and_the_air_across_the_rotors_axis():
+    """Compared with the cable's pull on two masses, and linear drag; its rotors run down."""
+    body = fresh()
+    in_air(body, 20.0, (0.5, 0.3))
+    body.craft[VELOCITY] = body.craft[LOAD_VELOCITY] = 2.0, -1.0, 0.5
+    before = body.craft.copy()
+    falling_freely(body)
+    thrust = 0.5 * (push(before, body.frame) + body.push)
+    cable = (before[LOAD] - before[POSITION]) / PAYLOAD.length
+    axes = Rotation.from_quat(before[ATTITUDE], scalar_first=True).as_matrix().T
+    outer = axes[2] * thrust - body.frame.drag_across * before[VELOCITY]
+    pull = -float(outer @ cable) * PAYLOAD.mass / (body.frame.mass + PAYLOAD.mass)
+    assert pull > 0.2
+    felt = body.felt(0.0, 0.0)
+    assert felt == pytest.approx(axes @ (outer + pull * cable) * (1, -1, -1), abs=0.05)
+    many = np.array([body.felt(0.5, 0.3) for _ in range(500)]) - felt
+    assert many.mean(axis=0) == pytest.approx([0.3, 0.0, 0.0], abs=0.1)
+    assert many.std(axis=0) == pytest.approx([0.5] * 3, abs=0.1)
+
+
+def test_its_accelerometer_feels_the_ground():
+    body = fresh()
+    falling_freely(body)
+    assert body.felt(0.0, 0.0) == pytest.approx([0.0, 0.0, -G], abs=1e-6)

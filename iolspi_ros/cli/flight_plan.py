@@ -233,7 +233,7 @@ def describe(plan: FlightPlan) -> Iterator[str]:
     yield f"Set, remembered in {Memory().folder} and given back after every end:"
     for change in profile.changes:
         yield f"  {' or '.join(change.names)} = {change.value:g}: {change.why}"
-    yield f"Ask for {_rates(profile)}."
+    yield f"Ask for {_rates(profile, flight.load_share > 0.0)}."
     yield from _describe_release(profile, flight)
     how = "stream setpoints, then take the mode" if profile.stream_first else "take the mode"
     climb = "by setpoints" if profile.stream_first else "by MAV_CMD_NAV_TAKEOFF"
@@ -249,12 +249,12 @@ def describe(plan: FlightPlan) -> Iterator[str]:
     yield f"Land in {profile.mode_name(profile.landing)}, and give the parameters back."
 
 
-def _rates(profile: AutopilotProfile) -> str:
+def _rates(profile: AutopilotProfile, felt: bool) -> str:
     from pymavlink.dialects.v20.ardupilotmega import mavlink_map
 
     from msg_bridge.mavlink.link import rates
 
-    found = rates(profile).items()
+    found = rates(profile, felt=felt).items()
     return ", ".join(f"{mavlink_map[number].msgname} at {rate:g} Hz" for number, rate in found)
 
 

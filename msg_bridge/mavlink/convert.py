@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 EARTH = 6_378_137.0
 """Equatorial radius of WGS 84 [m]; over a flight's few metres the earth is a ball of it."""
 
+_STANDARD_G = 9.80665  # of an accelerometer's g [m/s²]
 _DEGREE_E7 = math.radians(1e-7)
 _FRAME = dialect.MAV_FRAME_LOCAL_NED
 
@@ -76,13 +77,34 @@ def global_offset(message: Any, reference: Any) -> Array:
     return np.array([east, north, (message.alt - reference.alt) * 0.001])
 
 
+def axes(message: Any) -> Array:
+    """Ahead, left and upwards as the vehicle has them, ENU, unit rows of shape (3, 3).
+
+    Of an ATTITUDE: roll, pitch and yaw.
+    """
+    cr, sr = math.cos(message.roll), math.sin(message.roll)
+    cp, sp = math.cos(message.pitch), math.sin(message.pitch)
+    cy, sy = math.cos(message.yaw), math.sin(message.yaw)
+    return np.array([
+        (cp * sy, cp * cy, sp),
+        (-sr * sp * sy - cr * cy, cr * sy - sr * sp * cy, sr * cp),
+        (sr * cy - cr * sp * sy, -cr * sp * cy - sr * sy, cr * cp),
+    ])  # fmt: skip
+
+
 def upwards(message: Any) -> Array:
     """Where the rotors' axis points to, ENU, a unit vector of shape (3,), of an ATTITUDE."""
-    roll, pitch, yaw = message.roll, message.pitch, message.yaw
-    forward = math.sin(pitch) * math.cos(roll), math.sin(roll)
-    north = math.cos(yaw) * forward[0] + math.sin(yaw) * forward[1]
-    east = math.sin(yaw) * forward[0] - math.cos(yaw) * forward[1]
-    return -swap_world(np.array([north, east, math.cos(pitch) * math.cos(roll)]))
+    up: Array = axes(message)[2]
+    return up
+
+
+def felt(message: Any) -> Array:
+    """Acceleration less gravity, of a SCALED_IMU [m/s²], shape (3,): ahead, left, upwards.
+
+    It comes in thousandths of the standard g.
+    """
+    m = message
+    return np.array([m.xacc, -m.yacc, -m.zacc]) * (_STANDARD_G * 1e-3)
 
 
 def tilt(message: Any) -> float:

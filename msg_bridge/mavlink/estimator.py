@@ -13,11 +13,14 @@ from msg_bridge.mavlink.load import Fall, LoadObserver
 from msg_bridge.mavlink.motion import Motion, Vector
 from msg_bridge.mavlink.plausibility import LoadCheck
 from msg_bridge.mavlink.telemetry import Telemetry
+from sim_nodes.tasks.base import G
 
 Array = NDArray[np.float64]
 
 _FURTHEST = 0.5  # telemetry is carried on along its velocity for no longer than this [s]
 _DOUBTFUL = 0.2  # so long the load may be where it cannot be, as one late position has it [s]
+_SILENT = 0.25  # without an accelerometer, after which velocities tell how it accelerates [s]
+_FELT_GUST = 0.1  # of accelerations that it does not tell, per sqrt(Hz) [m/s²]
 _APART = 1.0  # of the places of two receivers on the ground [m]
 _SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the cable
 
@@ -33,18 +36,24 @@ class StateEstimator:
         Its length [m].
     feed : bool
         The load reports its own position; otherwise its swing is estimated.
+    share : float
+        Mass of the load over that of the vehicle, which then feels its pull; 0 where it does not.
     """
 
-    def __init__(self, telemetry: Telemetry, track: Track, cable: float, *, feed: bool) -> None:
+    def __init__(
+        self, telemetry: Telemetry, track: Track, cable: float, *, feed: bool, share: float = 0.0
+    ) -> None:
         self._telemetry, self._track, self._cable = telemetry, track, cable
-        self.feed = feed
-        self.load = LoadObserver(cable)
+        self.feed, self._share = feed, share
+        self.load = LoadObserver(cable, share)
+        self._felt = -math.inf
         self.fall: Fall | None = None
         """Of a load that was let go; None while it hangs."""
         self._ground = 0.0
         self._check = LoadCheck(cable)
         self._believed, self._doubt = -math.inf, ""
         telemetry.on_position, telemetry.on_load = self._moved, self._load_seen
+        telemetry.on_force = self._pulled if share else None
 
     def stand(self) -> None:
         """The vehicle stands on the ground: heights count from here."""
@@ -67,6 +76,8 @@ class StateEstimator:
         along, across, up = self._track.place_here(t.position + t.velocity * age)
         push = self._track.here(t.acceleration)
         speed, drift, climb = self._track.here(t.velocity) + push * (age, age, 0.0)
+        if self._feels:
+            age = min(max(now - self._felt, 0.0), _FURTHEST)
         cable, rate = self.load.ahead(push, age)
         return Motion(
             float(along), float(speed), float(across), float(drift), float(up) - self._ground,
@@ -122,9 +133,25 @@ class StateEstimator:
 
     # ------------------------------------------------------------ what comes in
 
+    @property
+    def _feels(self) -> bool:
+        """Whether the accelerometer carries the load along, since it was heard of lately."""
+        return self._telemetry.position_time - self._felt < _SILENT
+
     def _moved(self, change: Array, passed: float) -> None:
-        if self.fall is None:
+        if self.fall is None and not self._feels:
             self.load.move(self._track.here(change) / passed, passed)
+
+    def _pulled(self, force: Array, passed: float, now: float) -> None:
+        """The vehicle was pulled at: nothing measures better how it accelerates."""
+        self._felt = now
+        t = self._telemetry
+        if self.fall is not None or not 0.0 < passed < _SILENT:
+            return
+        here = self._track.here(force)
+        self.load.move(here - (0.0, 0.0, G), passed, _FELT_GUST)
+        axes = np.array([self._track.here(axis) for axis in t.axes[:2]])
+        self.load.feel(here, axes, self._track.here(t.velocity))
 
     def _load_seen(self) -> None:
         if not self.feed:

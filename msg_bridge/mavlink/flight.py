@@ -91,8 +91,10 @@ class Flight:
         self._reporter = StatusReporter(link.telemetry, outputs.say)
         self._track = Track((settings.origin[0], settings.origin[1]), settings.heading)
         self._estimator = StateEstimator(
-            link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed"
-        )
+            link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed",
+            share=settings.load_share,
+        )  # fmt: skip
+        self._felt = settings.load_share > 0.0
         self._machine = PhaseMachine(known, settings, stream_first=profile.stream_first)
         self._payload = Payload(known, link, profile, settings, self._estimator, release_output)
         self._guidance = Guidance(known, profile, settings, limits, self._estimator)
@@ -284,7 +286,7 @@ class Flight:
         heard, asked = now - t.heard_time < _BEATS, now - self._asked
         if heard and now - t.position_time > _NO_POSITION and asked > _NO_POSITION:
             self._asked = now
-            self.link.ask_rates(self.profile)
+            self.link.ask_rates(self.profile, felt=self._felt)
 
     def _fly(self, now: float) -> None:
         dt = now - self._last

@@ -37,9 +37,13 @@ _STRANGE = 20_000.0  # of strangers is looked into, while those who matter are k
 _BURST = 8192.0  # [bytes]
 
 
-def rates(profile: AutopilotProfile) -> dict[int, float]:
+FELT = {dialect.MAVLINK_MSG_ID_SCALED_IMU: 50.0, dialect.MAVLINK_MSG_ID_ATTITUDE: 50.0}
+"""What is asked for besides where the accelerometer is listened to [Hz]."""
+
+
+def rates(profile: AutopilotProfile, *, felt: bool = False) -> dict[int, float]:
     """Messages that an autopilot is asked for, and how often [Hz]."""
-    return RATES | {profile.estimator: _ESTIMATOR_RATE}
+    return RATES | {profile.estimator: _ESTIMATOR_RATE} | (FELT if felt else {})
 
 
 class AutopilotLink:
@@ -185,9 +189,9 @@ class AutopilotLink:
             raise ValueError(f"command {number} has {parameters}; allowed: finite numbers")
         return self.send(dialect.MAVLink_command_long_message(*self.target, number, 0, *parameters))
 
-    def ask_rates(self, profile: AutopilotProfile) -> None:
-        """Ask for the messages that we live on."""
-        for message, rate in rates(profile).items():
+    def ask_rates(self, profile: AutopilotProfile, *, felt: bool = False) -> None:
+        """Ask for the messages that we live on; with what is felt where that is listened to."""
+        for message, rate in rates(profile, felt=felt).items():
             self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
 
     def ask_version(self) -> None:

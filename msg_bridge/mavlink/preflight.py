@@ -92,7 +92,7 @@ class Preflight:
         self._wait(
             lambda: self._link.telemetry.ready,
             "position estimate",
-            lambda: self._link.ask_rates(profile),
+            lambda: self._ask_rates(profile),
         )
         self._tell(ChecklistItem("position estimate", "good"))
         self._check_clock(profile)
@@ -195,6 +195,9 @@ class Preflight:
             words.append(f"nothing comes at {self._settings.url}; is an autopilot started there?")
         return "; " + "; ".join(words) if words else ""
 
+    def _ask_rates(self, profile: AutopilotProfile) -> None:
+        self._link.ask_rates(profile, felt=self._flight.load_share > 0.0)
+
     def _listen(self) -> None:
         if not self._going_on():
             raise InputError("interrupted")
@@ -209,7 +212,7 @@ class Preflight:
         Measured again when it does not: a busy machine may stall a simulator for a moment.
         """
         factor = self._flight.real_time_factor
-        self._link.ask_rates(profile)
+        self._ask_rates(profile)
         for _ in range(_TRIES):
             pace = self._pace()
             if abs(pace / factor - 1.0) < _WRONG:
@@ -233,9 +236,7 @@ class Preflight:
     def _check_load(self) -> None:
         """Whether the load reports its position, if it is to."""
         if self._flight.load_source == "estimate":
-            self._tell(
-                ChecklistItem("load", "estimated from the vehicle's acceleration, seen by nobody")
-            )
+            self._tell(ChecklistItem("load", self._estimated()))
             return
         t = self._link.telemetry
         begun = self._clock.now()
@@ -246,6 +247,18 @@ class Preflight:
             "; it flies without one by iolspi fly --load estimate (load_source of the bridge)",
         )
         self._tell(ChecklistItem("load", f"reported by system {t.load_system}"))
+
+    def _estimated(self) -> str:
+        """By what the load is estimated, waiting a little for an accelerometer."""
+        nobody = "estimated from the vehicle's acceleration, seen by nobody"
+        if not self._flight.load_share:
+            return nobody
+        t, begun = self._link.telemetry, self._clock.elapsed()
+        while math.isnan(t.force_boot) and self._clock.elapsed() - begun < _RUN:
+            self._listen()
+        if math.isnan(t.force_boot):
+            return f"{nobody}: no SCALED_IMU comes, and load_share is not used"
+        return "estimated, and felt by the accelerometer"
 
 
 def _line(changed: Changed) -> ChecklistItem:

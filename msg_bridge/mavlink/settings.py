@@ -42,6 +42,10 @@ class FlightSettings(Settings):
         "feed", "the load's position from a system of its own, or estimated from accelerations",
         choices=("feed", "estimate"),
     )  # fmt: skip
+    load_share: float = setting(
+        0.0, "mass of the load over the vehicle's: its accelerometer then tells of the swing; "
+        "0 where none hangs there, as in a simulator without a load", low=0.0, high=1.0,
+    )  # fmt: skip
     order: str = setting(
         "random", "initial positions drawn at random, or swept one after the other",
         choices=("random", "sweep"),

@@ -42,8 +42,10 @@ class Telemetry:
         Whose messages count; all others are only noted in `strangers`.
     uid, version : str
         Of AUTOPILOT_VERSION: its unique number, empty for none, None as long as it was not said.
-    up : ndarray of shape (3,)
-        Where the rotors' axis points to.
+    axes : ndarray of shape (3, 3)
+        Ahead, to the left, and where the rotors' axis points to, a row each.
+    force_boot : float
+        Of its clock, when its accelerometer was last heard of [s].
     outputs : tuple of int
         Widths of pulse of its outputs from the first on [µs].
     jump_time, jump : float, str
@@ -66,7 +68,8 @@ class Telemetry:
     velocity: Array = field(default_factory=lambda: np.full(3, np.nan))
     acceleration: Array = field(default_factory=lambda: np.zeros(3))
     position_time: float = NEVER
-    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    force_boot: float = math.nan
     flags: int | None = None
     lost_time: float = math.inf
     round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=3))
@@ -86,10 +89,17 @@ class Telemetry:
     strangers: dict[int, int] = field(default_factory=dict)
     on_position: Callable[[Array, float], None] | None = None
     on_load: Callable[[], None] | None = None
+    on_force: Callable[[Array, float, float], None] | None = None
     _globe: Any = None
     _globe_time: float = NEVER
     _skew: float = math.nan
     _skew_before: float = math.nan
+
+    @property
+    def up(self) -> Array:
+        """Where the rotors' axis points to, ENU."""
+        up: Array = self.axes[2]
+        return up
 
     @property
     def ready(self) -> bool:
@@ -124,7 +134,7 @@ class Telemetry:
         self.autopilot, self.flags, self.lost_time = None, None, math.inf
         self.mode, self.armed = -1, False
         self.position_time = self.load_time = self.jump_time = NEVER
-        self.boot = self._skew = self._skew_before = math.nan
+        self.boot = self.force_boot = self._skew = self._skew_before = math.nan
         self.round_trips.clear()
         self.acks.clear()
         self.parameters.clear()
@@ -185,7 +195,16 @@ class Telemetry:
 
     def _attitude(self, message: Any, now: float) -> None:
         if all(map(math.isfinite, (message.roll, message.pitch, message.yaw))):
-            self.up = convert.upwards(message)
+            self.axes = convert.axes(message)
+
+    def _imu(self, message: Any, now: float) -> None:
+        """What pulls at it, ENU, and for how long, as far as that was heard without a gap."""
+        boot, before = message.time_boot_ms * 1e-3, self.force_boot
+        if -1.0 < boot - before <= 0.0:
+            return  # the same once more, or one that was overtaken: no news
+        self.force_boot = boot
+        if self.on_force is not None:
+            self.on_force(convert.felt(message) @ self.axes, boot - before, now)
 
     def _global(self, message: Any, now: float) -> None:
         self._globe, self._globe_time = message, now
@@ -253,6 +272,7 @@ _OF_VEHICLE: dict[str, Callable[[Telemetry, Any, float], None]] = {
     "LOCAL_POSITION_NED": Telemetry._local,
     "GLOBAL_POSITION_INT": Telemetry._global,
     "ATTITUDE": Telemetry._attitude,
+    "SCALED_IMU": Telemetry._imu,
     "EKF_STATUS_REPORT": Telemetry._estimator,
     "ESTIMATOR_STATUS": Telemetry._estimator,
     "TIMESYNC": Telemetry._timesync,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_nodes.autopilot import ground
 from sim_nodes.autopilot.control import Gains, Target, fly
-from sim_nodes.quadrotor.airframe import Airframe, Payload
+from sim_nodes.quadrotor.airframe import Airframe, G, Payload
 from sim_nodes.quadrotor.body import (
     CABLE,
     LOAD,
@@ -60,6 +60,8 @@ class Body:
         self.error = np.zeros((2, 3))
         self._gust, self._integral, self._hover = np.zeros(3), np.zeros(3), np.ones(1)
         self._reference = np.zeros((3, 3))
+        self._accelerometer = rng.spawn(1)[0]
+        self._force = np.array([0.0, 0.0, G])
 
     # ------------------------------------------------------------ what is so
 
@@ -86,6 +88,25 @@ class Body:
         pitch = -math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
         yaw = math.remainder(0.5 * math.pi - heading_of(self.craft), 2.0 * math.pi)
         return np.array([(roll, pitch, yaw), self.craft[RATES] * (1.0, -1.0, -1.0)])
+
+    def felt(self, noise: float, bias: float) -> Array:
+        """What its accelerometer measures [m/s²], forward, right, down: acceleration less gravity.
+
+        Parameters
+        ----------
+        noise : float
+            Its standard deviation [m/s²].
+        bias : float
+            Of the axis ahead [m/s²].
+        """
+        w, x, y, z = self.craft[6:10].tolist()
+        axes = np.array([
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+            (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+            (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+        ])  # fmt: skip
+        here: Array = (axes @ self._force) * (1.0, -1.0, -1.0)
+        return here + (bias, 0.0, 0.0) + noise * self._accelerometer.standard_normal(3)
 
     @property
     def push(self) -> float:
@@ -158,12 +179,13 @@ class Body:
             self._reference[:], self._integral[:] = 0.0, 0.0
             self._reference[0] = self.position
             self._hover[0] = 1.0
-        air = wind[:3] + self._gust
+        air, before = wind[:3] + self._gust, self.craft[VELOCITY].copy()
         impact = fly(
             self.craft, self._reference, self._integral, self._hover, target.use, target.values,
             target.yaw, target.yaw_rate, self.error, ned(air), flying, level, gains, self.frame,
             self.payload, STEP, round(dt / STEP),
         )  # fmt: skip
+        self._force = (self.craft[VELOCITY] - before) / dt + (0.0, 0.0, G)
         self.broken = self.broken or impact > _HARD
         self.landed = self.height <= 0.0
 

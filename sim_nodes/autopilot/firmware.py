@@ -61,6 +61,8 @@ SIMULATION: dict[str, Value] = {
     "SIM_WIND_TURB": 0.0,  # standard deviation of gusts [m/s]
     "SIM_NOISE": 0.0,  # of the estimated position [m]; velocity [m/s] half of it
     "SIM_WANDER": 1.0,  # times the estimate's own slow error; 0.0 for none
+    "SIM_ACC_NOISE": 0.1,  # standard deviation of what the accelerometer tells [m/s²]
+    "SIM_ACC_BIAS": 0.0,  # of its axis ahead [m/s²]
     "SIM_DELAY": 0.0,  # each way [s]
     "SIM_LOSS": 0.0,  # share of datagrams lost, each way
     "SIM_CUT": 0.0,  # set to cut the link for so long [s]
@@ -76,7 +78,7 @@ SIMULATION: dict[str, Value] = {
 LIMITS: dict[str, tuple[float, float]] = {
     "SIM_SPEEDUP": (0.0, 100.0), "SIM_WIND_SPD": (0.0, 30.0), "SIM_WIND_DIR": (-360.0, 360.0),
     "SIM_WIND_TURB": (0.0, 10.0), "SIM_NOISE": (0.0, 10.0), "SIM_DELAY": (0.0, 10.0),
-    "SIM_WANDER": (0.0, 10.0),
+    "SIM_WANDER": (0.0, 10.0), "SIM_ACC_NOISE": (0.0, 20.0), "SIM_ACC_BIAS": (-5.0, 5.0),
     "SIM_LOSS": (0.0, 1.0), "SIM_CUT": (0.0, 3600.0), "SIM_CLOCK_JUMP": (-1e6, 1e6),
     "SIM_LOAD_LEN": (0.1, 20.0), "SIM_LOAD_MASS": (1e-6, 1.0), "SIM_LOAD_RATE": (0.0, 100.0),
     "SIM_DRAG": (0.0, 5.0), "MAV_SYS_ID": (1, 255), "MAV_SYSID": (1, 255),

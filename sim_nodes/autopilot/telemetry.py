@@ -17,6 +17,7 @@ HOME = (47.3977419, 8.5455938, 488.0)
 
 _DEGREE = 111_319.49  # of latitude [m]
 _CIRCLE = _DEGREE * math.cos(math.radians(HOME[0]))  # of longitude [m]
+_STANDARD_G = 9.80665  # of an accelerometer's g [m/s²]
 _PRESENT = 0x0220FC2F | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _GLOBAL_OK, _PRESENT_NO_POSITION = 0x3FF, 0xA7
 
@@ -71,6 +72,15 @@ def _quaternion(a: State) -> Any:
         cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy,
     )  # fmt: skip
     return mavlink.MAVLink_attitude_quaternion_message(a.milliseconds, *parts, *rates)
+
+
+def _imu(a: State) -> Any:
+    """SCALED_IMU of what pulls and pushes it and how it turns: thousandths of g and of rad/s."""
+    value = a.parameters
+    force = a.body.felt(float(value["SIM_ACC_NOISE"]), float(value["SIM_ACC_BIAS"]))
+    numbers = [*(force / _STANDARD_G * 1e3), *(a.body.attitude[1] * 1e3)]
+    counts = [max(-32768, min(32767, round(number))) for number in numbers]
+    return mavlink.MAVLink_scaled_imu_message(a.milliseconds, *counts, 0, 0, 0)
 
 
 def _local(a: State) -> Any:
@@ -190,7 +200,8 @@ def _version(a: State) -> Any:
 
 BUILDERS: dict[str, Callable[[State], Any]] = {
     "HEARTBEAT": heartbeat, "ATTITUDE": _attitude, "ATTITUDE_QUATERNION": _quaternion,
-    "LOCAL_POSITION_NED": _local, "GLOBAL_POSITION_INT": _global, "SYS_STATUS": _sys_status,
+    "SCALED_IMU": _imu, "LOCAL_POSITION_NED": _local,
+    "GLOBAL_POSITION_INT": _global, "SYS_STATUS": _sys_status,
     "EXTENDED_SYS_STATE": _extended, "ESTIMATOR_STATUS": _estimator, "EKF_STATUS_REPORT": _ekf,
     "SYSTEM_TIME": _system_time, "HOME_POSITION": _home, "BATTERY_STATUS": _battery,
     "GPS_RAW_INT": _gps, "SERVO_OUTPUT_RAW": _servos, "VFR_HUD": _hud, "RC_CHANNELS": _rc,
