@@ -161,11 +161,12 @@ def test_warnings_are_shown_as_they_come_and_the_same_not_all_the_time(capfd):
 
 def test_what_was_flown_comes_first_and_what_was_seen_of_it():
     said = {"releases": str({str(Seen.OUTPUT): 9, str(Seen.FAILED): 1}), "envelope_left": "2",
-            "episodes_abandoned": "11"}  # fmt: skip
+            "episodes_abandoned": "11", "chances": "7.3 of 9"}  # fmt: skip
     facts = flight_report._facts(SlungLoad(), 5, 13, "shown", Flown(10, said))
     assert facts[0] == ("38%", "end with a dunk as flown: 5 of 13 episodes shown")
     assert ("9", f"releases in all: {Seen.OUTPUT}") in facts
     assert ("1", f"releases in all: {Seen.FAILED}") in facts
+    assert ("7.3 of 9", "releases expected inside, by how well it was known where") in facts
     assert ("11", "episodes broken off") in facts
     assert flight_report._facts(SlungLoad(), 0, 0, "shown", Flown(0, {}))[0][0] == "none"
 

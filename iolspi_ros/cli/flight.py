@@ -23,7 +23,14 @@ _LANDING = 120.0  # [s]
 _AGAIN = 10.0  # between two of the same words [s]
 _WARN = 30  # rcl_interfaces/msg/Log
 _SPEAKING = ("bridge", "learner", "demonstrator")
-_KEPT = ("load", "releases", "episodes abandoned", "envelope left", "envelope interventions")
+_KEPT = (
+    "load",
+    "releases",
+    "chances",
+    "episodes abandoned",
+    "envelope left",
+    "envelope interventions",
+)
 
 
 class Flown(NamedTuple):

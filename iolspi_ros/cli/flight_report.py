@@ -79,6 +79,8 @@ def _facts(vehicle: Task, successes: int, count: int, kind: str, flown: Flown) -
         (share, f"{vehicle.description.success} as flown: {successes} of {count} episodes {kind}")
     ]
     found += [(str(n), f"releases in all: {seen}") for seen, n in releases(flown.said).items()]
+    if chances := flown.said.get("chances"):
+        found.append((chances, "releases expected inside, by how well it was known where"))
     found += [
         (flown.said.get("episodes_abandoned") or "?", "episodes broken off"),
         (flown.said.get("envelope_left") or "?", "times the envelope was left"),

@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 _FURTHEST = 0.5  # telemetry is carried on along its velocity for no longer than this [s]
 _DOUBTFUL = 0.2  # so long the load may be where it cannot be, as one late position has it [s]
 _SILENT = 0.25  # without an accelerometer, after which velocities tell how it accelerates [s]
-_FELT_GUST = 0.1  # of accelerations that it does not tell, per sqrt(Hz) [m/s²]
+_FELT_GUST = 0.2  # of accelerations that it does not tell, per sqrt(Hz) [m/s²]
+_FORGETS = 1.5  # time in which the error of a speed does [s]
+_LEAST_GUST = 0.05  # accelerations that nobody measures, per sqrt(Hz) [m/s²]
 _APART = 1.0  # of the places of two receivers on the ground [m]
 _SLACK = 1.3  # cable lengths away from the vehicle, a load is no longer on the cable
 
@@ -130,6 +132,15 @@ class StateEstimator:
         """A load hangs on the cable again, at rest."""
         self.fall = None
         self.load.still()
+
+    def unsteady(self, speed: float) -> None:
+        """Of what its changes are the swing is estimated: the vehicle's speed is as noisy [m/s].
+
+        That noise is taken for one that forgets in `_FORGETS`, as measured on PX4. A feed corrects
+        gusts besides, and they have to be expected.
+        """
+        if not self.feed:
+            self.load.gust = max(_LEAST_GUST, speed * math.sqrt(2.0 / _FORGETS))
 
     # ------------------------------------------------------------ what comes in
 

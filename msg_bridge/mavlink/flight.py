@@ -28,6 +28,7 @@ from msg_bridge.mavlink.payload import Payload
 from msg_bridge.mavlink.phase_machine import Inputs, PhaseMachine
 from msg_bridge.mavlink.phases import Command, Decision, Enter, Phase, Show
 from msg_bridge.mavlink.plausibility import VehicleCheck
+from msg_bridge.mavlink.prediction import chance
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.setpoints import AccelerationSetpoint, PositionSetpoint, Setpoint
 from msg_bridge.mavlink.settings import FlightSettings
@@ -94,6 +95,7 @@ class Flight:
             link.telemetry, self._track, limits.cable, feed=settings.load_source == "feed",
             share=settings.load_share,
         )  # fmt: skip
+        self._estimator.unsteady(profile.speed_noise)
         self._felt = settings.load_share > 0.0
         self._machine = PhaseMachine(known, settings, stream_first=profile.stream_first)
         self._payload = Payload(known, link, profile, settings, self._estimator, release_output)
@@ -105,6 +107,7 @@ class Flight:
         self._motion = Motion()
         self._pilot = SafetyPilot()
         self._violations = 0
+        self._chances: list[float] = []
         self._last = self._asked = self._stalled = 0.0
         self._restarts = link.telemetry.restarts
         self._told = (Phase.IDLE, Authority.NOBODY)
@@ -115,7 +118,7 @@ class Flight:
             Command.TAKE_OFF: lambda _: link.take_off(settings.height),
             Command.SET_GROUND: lambda _: self._estimator.stand(),
             Command.START_EPISODE: lambda _: self._start_episode(),
-            Command.RELEASE: lambda now: self._payload.release(self._motion, now),
+            Command.RELEASE: self._release,
             Command.RELOAD: lambda now: self._payload.reload(now),
         }
 
@@ -186,6 +189,8 @@ class Flight:
                 "episodes flown": machine.flown,
                 "episodes abandoned": machine.abandoned,
                 "releases": {str(seen): n for seen, n in self._payload.releases.items()},
+                "last chance": f"{self._chances[-1]:.0%}" if self._chances else "",
+                "chances": f"{sum(self._chances):.1f} of {len(self._chances)}",
                 "envelope left": self._violations,
                 "envelope interventions": dict(self._guidance.interventions),
                 "packets rejected": self.link.codec.rejected,
@@ -403,14 +408,28 @@ class Flight:
             self._told = news
             self._outputs.change(AuthorityChange(self._machine.number, self.step, now, *news))
 
+    def _release(self, now: float) -> None:
+        """Let the load go, and say how likely that is right, as well as it is known where it is."""
+        self._payload.release(self._motion, now)
+        spread = self._estimator.load.covariance[:6, :6]
+        likely = chance(self._machine.task, self._motion, spread, self._noise)
+        self._chances.append(likely)
+        text = f"episode {self._machine.number}: let go; it falls inside with a chance of"
+        self._outputs.say("info", f"{text} {likely:.0%}")
+
+    @property
+    def _noise(self) -> tuple[float, float]:
+        """Of the position [m] and the speed [m/s]: measured at rest, or what is counted on."""
+        position, speed = self._machine.settling.noise[:2].tolist()
+        return max(self.profile.noise, position), max(self.profile.speed_noise, speed)
+
     def _start_episode(self) -> None:
         self._widen()
         self._guidance.rest()
 
     def _widen(self) -> None:
         """Leave as much room to the walls as the noise of the position asks for."""
-        noise = max(self.profile.noise, float(self._machine.settling.noise[0]))
-        self._guidance.limits = widened(self.limits, noise)
+        self._guidance.limits = widened(self.limits, self._noise[0])
         limits = self._guidance.limits
         self._machine.starts = tuple(starts(limits, axis) for axis in range(limits.axes))
 

@@ -20,6 +20,7 @@ _GUST = 0.3  # of accelerations that nobody measures, per sqrt(Hz) [m/s²], unle
 _BIAS = (0.1, 0.05, 0.2)  # of an accelerometer: deviation [m/s²]; how it walks, in all and by drag
 _AIR = (0.3, 0.4)  # of a vehicle of which nothing is known: drag over mass, and deviation [1/s]
 _SHAKING = (0.03, 0.3, 3.0)  # noise of an accelerometer: least, at first, greatest [m/s²]
+_MASS = 0.2  # deviation of the load's mass from what it is thought to be, as a share of it
 _LEARNING = 0.01  # share of it that is learned with each sample
 _ODD = 25.0  # squared deviations beyond which a sample is no news of the load
 
@@ -186,9 +187,9 @@ class LoadObserver:
         error = axes @ force - expected
         surprise = float(error @ error)
         known = float(np.trace(slopes @ self.covariance @ slopes.T))
-        bump = surprise > _ODD * (known + 2.0 * self._shaking)
-        if not bump:
-            self._correct(error, slopes, self._shaking)
+        noise = self._shaking + (_MASS * self._share * holds) ** 2 * float(across @ across)
+        if surprise <= _ODD * (known + 2.0 * noise):  # else a bump
+            self._correct(error, slopes, noise)
         shaking = self._shaking + _LEARNING * (0.5 * (surprise - known) - self._shaking)
         self._shaking = min(max(shaking, _SHAKING[0] ** 2), _SHAKING[2] ** 2)
 

@@ -87,6 +87,8 @@ class AutopilotProfile:
         Deceleration with which it comes to rest [m/s²].
     noise : float
         Standard deviation of its position's error that is counted on, if not more is measured [m].
+    speed_noise : float
+        The same of its velocity [m/s].
     release : str
         How it lets the load go, unless told otherwise.
     gripper : GripperSetup
@@ -109,6 +111,7 @@ class AutopilotProfile:
     leaning: float = 0.3
     stopping: float = 2.0
     noise: float = 0.0
+    speed_noise: float = 0.0
     release: str = "gripper"
     gripper: GripperSetup = _NO_GRIPPER
     flies_not: str = ""
@@ -176,6 +179,7 @@ PX4 = AutopilotProfile(
     leaning=0.7,
     stopping=5.0,
     noise=0.2,  # against the truth of its simulator: 0.20 to 0.24 m, 0.72 m at most
+    speed_noise=0.2,  # the same: 0.12 to 0.25 m/s
     acceleration=int(convert.ACCELERATION_HEIGHT),
     integer_bytes=True,
     estimator=dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
