@@ -146,16 +146,16 @@ def pulled(heard, t, ahead, left=0.0):
 def test_what_the_accelerometer_feels_is_where_the_load_pulls_to():
     """It holds its place while a load swings that weighs a fifth of it."""
     heard = Heard(feed=False, share=0.2)
-    for k in range(300):
+    for k in range(500):
         t = 0.02 * k
-        angle = 0.3 * math.sin(math.sqrt(9.81) * t)
+        angle = 0.15 * math.sin(math.sqrt(9.81) * t)
         heard.vehicle(t, 0.0, 5.0)
         pulled(heard, t, 0.2 * 9.81 * angle, 0.1 * 9.81 * angle)
     now = heard.estimator.motion(t)
-    assert now.plane(0).swing == pytest.approx(angle, abs=0.05)
-    assert now.plane(1).swing == pytest.approx(0.5 * angle, abs=0.05)
-    rate = 0.3 * math.sqrt(9.81) * math.cos(math.sqrt(9.81) * t)
-    assert now.plane(0).swing_rate == pytest.approx(rate, abs=0.15)
+    assert now.plane(0).swing == pytest.approx(angle, abs=0.04)
+    assert now.plane(1).swing == pytest.approx(0.5 * angle, abs=0.04)
+    rate = 0.15 * math.sqrt(9.81) * math.cos(math.sqrt(9.81) * t)
+    assert now.plane(0).swing_rate == pytest.approx(rate, abs=0.1)
 
 
 def test_where_the_accelerometer_falls_silent_velocities_carry_the_load_on():

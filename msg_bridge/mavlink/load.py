@@ -17,8 +17,9 @@ _CABLE, _RATE, _OFFSET, _DRAG = slice(0, 3), slice(3, 6), slice(6, 8), 8
 _SIZE = 9
 _STILL = (0.05, 0.1)  # deviations of a load that hangs still: direction, and its rate [1/s]
 _GUST = 0.3  # of accelerations that nobody measures, per sqrt(Hz) [m/s²], unless told otherwise
-_BIAS = (0.1, 0.05, 0.2)  # of an accelerometer: deviation [m/s²]; how it walks, in all and by drag
-_AIR = (0.3, 0.4)  # of a vehicle of which nothing is known: drag over mass, and deviation [1/s]
+_BIAS = (0.1, 0.05, 0.1)  # of an accelerometer: deviation [m/s²]; how it walks, in all and by drag
+_AIR = (0.5, 0.6, 0.07)  # drag over mass where nothing is known, deviation, how it walks [1/s]
+_SLOW = 0.7  # slower than that nothing is learned of the drag [m/s]
 _SHAKING = (0.03, 0.3, 3.0)  # noise of an accelerometer: least, at first, greatest [m/s²]
 _MASS = 0.2  # deviation of the load's mass from what it is thought to be, as a share of it
 _LEARNING = 0.01  # share of it that is learned with each sample
@@ -105,6 +106,7 @@ class LoadObserver:
             self._advance(acceleration, dt / n)
         walk = _BIAS[1] + _BIAS[2] * abs(self._drag)
         self.covariance[_OFFSET, _OFFSET] += walk**2 * dt * np.eye(2)
+        self.covariance[_DRAG, _DRAG] += _AIR[2] ** 2 * dt
 
     def _advance(self, acceleration: Array, h: float) -> None:
         """A step: u'' = -|u'|² u - (b - (b · u) u) / L - c u', with b = a + g upwards.
@@ -183,7 +185,8 @@ class LoadObserver:
         slopes[:, _CABLE] = self._share * (holds * axes - np.outer(across, force))
         slopes[:, _RATE] = 2.0 * self._share * self._cable * np.outer(across, rate)
         slopes[:, _OFFSET] = axes[:, :2]
-        slopes[:, _DRAG] = -axes @ velocity
+        if float(velocity @ velocity) > _SLOW**2:  # else a noisy speed would be taken for the air
+            slopes[:, _DRAG] = -axes @ velocity
         error = axes @ force - expected
         surprise = float(error @ error)
         known = float(np.trace(slopes @ self.covariance @ slopes.T))
