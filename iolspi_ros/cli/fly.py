@@ -93,14 +93,14 @@ def fly(
 
 
 def _fly(plan: FlightPlan, out: Path) -> None:
-    from iolspi_ros import graph, resources
+    from iolspi_ros import graph
     from iolspi_ros.bags import BagWriter
     from iolspi_ros.cli import flight_report
     from iolspi_ros.cli.flight import Flight, Warnings, end_bridge, start_embedded
+    from iolspi_ros.experiments.headless import make_vehicle
     from iolspi_ros.nodes.monitor import watching
-    from sim_nodes.tasks import make_task
 
-    vehicle = make_task(plan.task, resources.parameters(plan.config, "simulator"), str(plan.config))
+    vehicle = make_vehicle(plan.task, plan.config)
     if plan.practice:
         plan = practise(plan, out)
     with (

@@ -39,6 +39,11 @@ class Computing:
         self.cut = False
 
     @property
+    def under_way(self) -> bool:
+        """Whether anything is being computed, or waits to be taken."""
+        return self._future is not None
+
+    @property
     def updating(self) -> bool:
         """Whether an update is being computed, or waits to be taken."""
         return self._future is not None and self._finish is not None

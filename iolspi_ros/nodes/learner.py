@@ -439,14 +439,14 @@ class LearnerNode(ManagedNode):
         if self.core is None:
             return
         computing = self._computing
-        if (computing.updating or computing.pretraining) and computing.over():
+        if computing.under_way and computing.over():
             updated = computing.updating
             self._take_computed()
             if updated:
                 self._loop.go_on()
         elif (
-            self.active and not self._conflict and not self._loop.running and not computing.updating
-            and not computing.pretraining and self._demonstrations.complete()
+            self.active and not self._conflict and not self._loop.running
+            and not computing.under_way and self._demonstrations.complete()
         ):  # fmt: skip
             self._start_pretraining(self.core)
 
