@@ -100,7 +100,9 @@ def delays(asked: Times, answered: Times, ends: set[tuple[int, int]]) -> np.ndar
 def memory(process: str) -> float:
     """Of the node of that name among those below this process [MB]."""
     found = subprocess.run(
-        ["ps", "--ppid", str(os.getpid()), "-o", "rss=,args="], capture_output=True, text=True
+        ["ps", "-ww", "--ppid", str(os.getpid()), "-o", "rss=,args="],
+        capture_output=True,
+        text=True,
     )
     rows = [row for row in found.stdout.splitlines() if f"start {process} " in row]
     return sum(int(row.split()[0]) for row in rows) / 1000

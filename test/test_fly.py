@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 
 from iolspi_ros.cli import flight_plan, flight_report
@@ -252,12 +253,8 @@ def test_it_flies_the_hall_the_whole_way(tmp_path, places):
 
 def _child(of, node):
     """Process of a node that a command has started."""
-    for pid in subprocess.run(["ps", "-eo", "pid,ppid,args"], capture_output=True, text=True,
-                              check=True).stdout.splitlines():  # fmt: skip
-        number, parent, words = pid.split(maxsplit=2) if pid.split()[0].isdigit() else (0, 0, "")
-        if int(parent) == of and node in words.split():
-            return int(number)
-    return None
+    children = psutil.Process(of).children()
+    return next(process for process in children if node in process.cmdline())
 
 
 @pytest.mark.slow
@@ -276,7 +273,7 @@ def test_a_flight_that_is_cut_says_what_flies_and_what_is_changed(tmp_path, plac
             body = sitl.autopilot.body
             _until(lambda: sitl.autopilot.commander.airborne and body.height > 4.0, log)
             if ends == "killed":
-                os.kill(_child(process.pid, "bridge"), signal.SIGKILL)
+                _child(process.pid, "bridge").kill()
             else:
                 process.send_signal(signal.SIGINT)
             assert process.wait(240.0) == {"killed": 2, "interrupted": 130}[ends]
