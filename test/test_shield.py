@@ -192,3 +192,36 @@ def test_actions_of_many_variables_share_a_fit_and_differ_by_their_values():
     near = np.zeros((1, 8))
     near[0, :2] = 0.85, 0.3  # only braking keeps it inside
     assert shield.among(near)[0].tolist() == [True, False, False, True]
+
+
+def test_limits_of_two_variables_can_be_one_ellipse():
+    corner, edge = (0.8, 0.8), (0.99, 0.0)
+    for rounded, corner_is_inside in ((True, False), (False, True)):
+        settings = LSPISettings(
+            basis="auto",
+            shield=True,
+            envelope_low=(-1.0, -2.0, *(-np.inf,) * 6),
+            envelope_high=(1.0, 2.0, *(np.inf,) * 6),
+            envelope_round=(rounded, rounded, *(False,) * 6),
+        ).resolve(WIDE)
+        guard = settings.guarded(WIDE).learn(wide_rows(250)).guard
+        seen, terms = np.empty(8), np.empty(guard.weights.shape[2])
+        for place, expected in ((corner, corner_is_inside), (edge, True), ((1.01, 0.0), False)):
+            # where action 0 leads to the place, in units of the half axes
+            state = np.zeros(8)
+            goal = np.array([place[0], 2.0 * place[1]])
+            for _ in range(50):
+                state[:2] += goal - drifting(state[None], np.array([0]))[0, :2]
+            assert predict(guard, state, 0, terms, seen) is expected
+            np.testing.assert_allclose(seen[:2], goal, atol=1e-3)
+
+
+def test_an_ellipse_needs_its_limits():
+    with pytest.raises(InputError, match="a finite number in envelope_low"):
+        LSPISettings(
+            envelope_low=(-1.0, -np.inf), envelope_high=(1.0, 1.0), envelope_round=(True, True)
+        )
+    with pytest.raises(InputError, match="envelope_round has 3 entries; allowed: 8"):
+        LSPISettings(
+            basis="auto", envelope_round=(True,) * 3, envelope_low=(-1.0,), envelope_high=(1.0,)
+        ).resolve(WIDE)

@@ -106,6 +106,9 @@ class LSPISettings(Settings):
     envelope_high: tuple[float, ...] = setting(
         (np.inf,), "shield: upper limits of the state, one for all or each"
     )
+    envelope_round: tuple[bool, ...] = setting(
+        (), "shield: variables whose limits are those of one ellipse together, not of a box"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -124,6 +127,12 @@ class LSPISettings(Settings):
                 f"envelope_low is {self.envelope_low}, envelope_high {self.envelope_high}; "
                 "allowed: each low < high"
             )
+        rounded, limited = np.array(self.envelope_round, bool), np.isfinite(high - low)
+        if len(limited) in (1, len(rounded)) and (rounded & ~limited).any():
+            raise InputError(
+                f"envelope_round is {self.envelope_round} where a limit is missing; allowed: "
+                "variables with a finite number in envelope_low and in envelope_high"
+            )
         if self.shield and not (np.isfinite(low) | np.isfinite(high)).any():
             raise InputError(
                 "shield is on without a limit; allowed: a finite number in envelope_low or "
@@ -140,7 +149,8 @@ class LSPISettings(Settings):
         """
         n = task.n_dims
         for name in (
-            "low", "high", "centers", "metric", "periodic", "envelope_low", "envelope_high"
+            "low", "high", "centers", "metric", "periodic", "envelope_low", "envelope_high",
+            "envelope_round",
         ):  # fmt: skip
             count = len(getattr(self, name))
             for_all = name in ("metric", "periodic", "envelope_low", "envelope_high")
@@ -187,8 +197,9 @@ class LSPISettings(Settings):
             np.broadcast_to(np.array(limit, float), (len(self.low),)).copy()
             for limit in (self.envelope_low, self.envelope_high)
         )
+        round_ = np.array(self.envelope_round or (False,) * len(low), bool)
         return Shield.empty(
-            self.shield, low, high, edges.mean(axis=0), (edges[1] - edges[0]) / 2, period,
+            self.shield, low, high, round_, edges.mean(axis=0), (edges[1] - edges[0]) / 2, period,
             task.n_actions, np.array([action.value for action in task.actions], float),
         )  # fmt: skip
 

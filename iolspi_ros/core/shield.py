@@ -45,6 +45,9 @@ class Guard(NamedTuple):
         Whether there is a fit to believe.
     low, high : ndarray of shape (n_dims,)
         The envelope.
+    round : ndarray of bool, shape (n_dims,)
+        Variables whose limits are one ellipse: the squares of their distances from its middle, in
+        shares of its half axes, sum up to 1 at most.
     middle, half : ndarray of shape (n_dims,)
         What turns a state into numbers around 0, mostly within 1.
     period : ndarray of shape (n_dims,)
@@ -60,6 +63,7 @@ class Guard(NamedTuple):
     active: bool
     low: Array
     high: Array
+    round: NDArray[np.bool_]
     middle: Array
     half: Array
     period: Array
@@ -80,6 +84,7 @@ class Shield:
     low, high : ndarray of shape (n_dims,)
         Envelope, in SI units and radians; infinite where there is no limit. Nothing is ever
         vetoed when all are.
+    round : ndarray of bool, shape (n_dims,)
     middle, half, period : ndarray of shape (n_dims,)
         As of `Guard`.
     gram : ndarray of shape (n_actions, n_terms, n_terms)
@@ -93,6 +98,7 @@ class Shield:
     raised: bool
     low: Array
     high: Array
+    round: NDArray[np.bool_]
     middle: Array
     half: Array
     period: Array
@@ -108,6 +114,7 @@ class Shield:
         raised: bool,
         low: Array,
         high: Array,
+        round: NDArray[np.bool_],
         middle: Array,
         half: Array,
         period: Array,
@@ -117,7 +124,7 @@ class Shield:
         """Before any sample."""
         n_terms, n_dims = len(_terms(len(low))[0]), len(low)
         return cls(
-            raised, low, high, middle, half, period,
+            raised, low, high, round, middle, half, period,
             np.zeros((n_actions, n_terms, n_terms)), np.zeros((n_actions, n_terms, n_dims)),
             np.zeros(n_actions), np.zeros(n_actions), values,
         )  # fmt: skip
@@ -186,8 +193,8 @@ class Shield:
             for a in steers if known else ():
                 weights[a] = np.linalg.solve(self.gram[a] + ridge, self.cross[a]).T
         return Guard(
-            known and self.raised, self.low, self.high, self.middle, self.half, self.period, parent,
-            factor, weights, ends,
+            known and self.raised, self.low, self.high, self.round, self.middle, self.half,
+            self.period, parent, factor, weights, ends,
         )  # fmt: skip
 
     def _shared(self, steers: NDArray[np.int64], values: Array) -> Array:
@@ -233,7 +240,7 @@ def _expand_all(guard: Guard, states: Array, terms: Array) -> None:
 def predict(guard: Guard, state: Array, action: int, terms: Array, out: Array) -> bool:
     """Where one step leads, into `out`; whether that is inside the envelope."""
     _expand(guard, state, terms)
-    inside = True
+    inside, outward = True, 0.0
     for d in range(len(state)):
         moved = state[d]
         for k in range(len(terms)):
@@ -242,9 +249,12 @@ def predict(guard: Guard, state: Array, action: int, terms: Array, out: Array) -
             low = guard.middle[d] - guard.period[d] / 2
             moved -= guard.period[d] * np.floor((moved - low) / guard.period[d])
         out[d] = moved
-        if not guard.low[d] <= moved <= guard.high[d]:
+        low, high = guard.low[d], guard.high[d]
+        if guard.round[d]:
+            outward += ((2.0 * moved - low - high) / (high - low)) ** 2
+        elif not low <= moved <= high:
             inside = False
-    return inside
+    return inside and outward <= 1.0
 
 
 @cached_njit(nogil=True)
