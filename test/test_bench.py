@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from iolspi_ros.bench import latency, learner, public, safety, scale, speed
+from iolspi_ros.bench import deep, latency, learner, public, safety, scale, speed
 from iolspi_ros.bench.rows import at_least, at_most
 from iolspi_ros.cli import bench
 from iolspi_ros.experiments.slung_load import INFORMED, SlungLoadRun, drop
@@ -116,6 +116,17 @@ def test_the_usual_environments_are_learned_from_a_plain_pilot(monkeypatch):
     never = public.reach(challenge._replace(threshold=1e9, most=600), 0, demonstrated=False)
     assert never.steps == np.inf
     assert 0.0 < never.best <= 500.0
+
+
+def test_a_library_s_learners_are_looked_at_as_ours(monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.setattr("iolspi_ros.bench.public.JUDGED", 10)
+    for challenge in (public.CHALLENGES[0], public.CHALLENGES[3]):  # DQN, SAC
+        low = deep.reach(challenge._replace(threshold=-1e9), 0)
+        assert low.steps == 1.0
+        never = deep.reach(challenge._replace(threshold=1e9), 0, most=600)
+        assert never.steps == np.inf
+        assert low.best <= never.best <= 500.0
 
 
 def test_pilots_of_the_usual_environments_fly_them():

@@ -128,17 +128,47 @@ def rows(seeds: int, show: Callable[[int], None]) -> list[Row]:
             for seed in range(seeds):
                 reached.append(reach(challenge, seed, demonstrated=bool(begin)))
                 show((2 * number + begin) * seeds + seed + 1)
-            steps = sorted(r.steps for r in reached)
-            name = f"{challenge.id}, {name}"
-            share = sum(map(math.isfinite, steps)) / seeds
-            found += [
-                Row(f"{name}: seeds that reach {challenge.threshold:g}", share, "share"),
-                Row(f"{name}: steps until then, median", steps[seeds // 2], "steps"),
-                Row(f"{name}: best mean, median", sorted(r.best for r in reached)[seeds // 2], ""),
-            ]
+            found += told(f"{challenge.id}, {name}", challenge, reached)
             if begin:
-                found.append(Row(f"{name}: by the pilot", reached[0].shown, ""))
+                found.append(Row(f"{challenge.id}: by the pilot", reached[0].shown, ""))
     return found
+
+
+def told(name: str, challenge: Challenge, reached: list[Reached]) -> list[Row]:
+    """Rows of some seeds."""
+    steps, middle = sorted(r.steps for r in reached), len(reached) // 2
+    share = sum(map(math.isfinite, steps)) / len(steps)
+    return [
+        Row(f"{name}: seeds that reach {challenge.threshold:g}", share, "share"),
+        Row(f"{name}: steps until then, median", steps[middle], "steps"),
+        Row(f"{name}: best mean, median", sorted(r.best for r in reached)[middle], ""),
+    ]
+
+
+class Judge:
+    """Looks at a policy until it is good enough.
+
+    Parameters
+    ----------
+    challenge : Challenge
+    mean : callable
+        Takes a number of episodes; the mean sum of rewards of the policy as it is now.
+
+    Attributes
+    ----------
+    best : float
+        The largest mean that was seen.
+    """
+
+    def __init__(self, challenge: Challenge, mean: Callable[[int], float]) -> None:
+        self.best = -math.inf
+        self._threshold, self._mean = challenge.threshold, mean
+
+    def reached(self) -> bool:
+        """Whether the mean of `JUDGED` episodes is at the threshold."""
+        mean = self._mean(LOOK)
+        self.best = max(self.best, mean)
+        return mean >= self._threshold and self._mean(JUDGED) >= self._threshold
 
 
 def reach(challenge: Challenge, seed: int, *, demonstrated: bool) -> Reached:
@@ -146,21 +176,18 @@ def reach(challenge: Challenge, seed: int, *, demonstrated: bool) -> Reached:
     kind = vehicle_class(challenge.id, {}, Wishes(actions=challenge.actions), LOOK)
     world = make_world(kind(), WorldSettings(), np.random.default_rng([seed, 0]))
     learner = OnlineLSPI(world.task.description, SETTINGS, np.random.default_rng([seed, 1]))
-    shown, best, looked = math.nan, -math.inf, -1
+    judge = Judge(challenge, lambda episodes: _mean(challenge, learner, episodes))
+    shown, looked = math.nan, -1
     if demonstrated:
         samples, shown = _show(world, challenge.pilot, np.random.default_rng([seed, 2]))
         learner.pretrain(samples)
     while learner.step < challenge.most:
         if learner.updates != looked and (learner.updates or demonstrated):
             looked = learner.updates
-            mean = _mean(challenge, learner, LOOK)
-            best = max(best, mean)
-            if mean >= challenge.threshold and (
-                _mean(challenge, learner, JUDGED) >= challenge.threshold
-            ):
-                return Reached(learner.step, shown, best)
+            if judge.reached():
+                return Reached(learner.step, shown, judge.best)
         train(world, learner, 1, Listener())
-    return Reached(math.inf, shown, best)
+    return Reached(math.inf, shown, judge.best)
 
 
 def _mean(challenge: Challenge, learner: OnlineLSPI, episodes: int) -> float:

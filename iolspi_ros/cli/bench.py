@@ -20,15 +20,18 @@ if TYPE_CHECKING:
     from iolspi_ros.bench.rows import Row
 
 SUBJECTS = ("learner", "speed", "scale", "safety", "bridge", "public", "interventions")
+BESIDE = "deep"
+"""What only measures others, and is asked for by name."""
 
 
 @app.command(epilog="Example: iolspi bench speed --json out/speed.json")
 def bench(
     subjects: Annotated[
-        Optional[list[str]], typer.Argument(help=f"{', '.join(SUBJECTS)}; all by default.")
+        Optional[list[str]],
+        typer.Argument(help=f"{', '.join(SUBJECTS)}: all by default; or {BESIDE}."),
     ] = None,
     seeds: Annotated[
-        int, typer.Option(min=1, help="Of `learner`, `safety`, `public`, `interventions`.")
+        int, typer.Option(min=1, help="Of `learner`, `safety`, `public`, `interventions`, `deep`.")
     ] = 20,
     file: Annotated[Optional[Path], typer.Option("--json", help="Write the rows there.")] = None,
     plots: Annotated[Optional[Path], typer.Option(help="Folder for plots.")] = None,
@@ -57,7 +60,8 @@ def bench(
 
     On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
     `scale` and `bridge` 10. `public` flies well-known environments (the extra gymnasium), an hour;
-    so does `interventions`, which has an expert take over from the learner.
+    so does `interventions`, which has an expert take over from the learner. `deep` flies the same
+    environments as `public` with a library's DQN and SAC (the extra deep), 15 minutes a seed.
 
     `bridge --real URL` flies a simulator of an autopilot instead: whole flights of `iolspi fly`,
     then bridges that are killed in reckless episodes. At real time that is half an hour.
@@ -66,7 +70,7 @@ def bench(
     from iolspi_ros.bench import machine
 
     for subject in subjects or []:
-        check_choice("subject", subject, SUBJECTS)
+        check_choice("subject", subject, (*SUBJECTS, BESIDE))
     for path in (file and file.parent, plots):
         if path:
             resources.make_folder(path)
@@ -158,6 +162,11 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
 
         with bar("public [realisations]", public.total(seeds)) as show:
             return public.rows(seeds, show)
+    if subject == BESIDE:
+        from iolspi_ros.bench import deep
+
+        with bar("deep [realisations]", deep.total(seeds)) as show:
+            return deep.rows(seeds, show)
     from iolspi_ros.bench import figures, scale
 
     with bar("scale [runs]", scale.RUNS) as show:
