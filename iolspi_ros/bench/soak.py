@@ -37,8 +37,10 @@ SAVE_EVERY = 10.0
 """Seconds of wall time between two checkpoints."""
 RESEND = 0.01
 """Seconds after which a lost message is sent again."""
-SETTLED = 20.0
+SETTLED = 60.0
 """Seconds that a process takes until its memory is what it needs."""
+WINDOW = 60.0
+"""Seconds of which the least counts: an update takes up to 30 MB, and gives them back."""
 LAST = 0.25
 """Share of the episodes, the last ones, by which a run is judged."""
 PATIENCE = 120.0
@@ -287,14 +289,21 @@ def rows(clean: Run, harmed: Run) -> list[Row]:
 def slope(lives: list[np.ndarray], column: int) -> tuple[float, float] | None:
     """How fast a number of some lives grows, and half its 95 % interval, per hour.
 
-    The first `SETTLED` seconds of each life do not count; a life's own level is taken off.
+    What counts is the least of each `WINDOW` seconds after the first `SETTLED` of a life, of lives
+    with three of these; a life's own level is taken off.
     """
     times, values = [], []
     for life in lives:
-        life = life[life[:, 0] - life[0, 0] > SETTLED]
-        if len(life) > 2:
-            times.append(life[:, 0] - life[:, 0].mean())
-            values.append(life[:, column] - life[:, column].mean())
+        windows = ((life[:, 0] - life[0, 0] - SETTLED) // WINDOW).astype(int)
+        least = np.array([
+            life[windows == window, column].min()
+            for window in range(windows[-1])  # the last is not over
+            if (windows == window).any()
+        ])  # fmt: skip
+        if len(least) > 2:
+            at = WINDOW * np.arange(len(least))
+            times.append(at - at.mean())
+            values.append(least - least.mean())
     if not times:
         return None
     if not np.concatenate(values).any():
