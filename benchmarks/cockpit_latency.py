@@ -48,8 +48,16 @@ def main() -> None:
 
 
 @contextmanager
-def held_in_a_page() -> Iterator[tuple[Browser, dict, Callable[..., None]]]:
-    """A graph in real time, whose pendulum a page has taken over.
+def held_in_a_page(
+    task: str = "pendulum", updates: int = 3
+) -> Iterator[tuple[Browser, dict, Callable[..., None]]]:
+    """A graph in real time, whose vehicle a page has taken over.
+
+    Parameters
+    ----------
+    task : str
+    updates : int
+        Of the learner, before that.
 
     Yields
     ------
@@ -70,6 +78,7 @@ def held_in_a_page() -> Iterator[tuple[Browser, dict, Callable[..., None]]]:
     from iolspi_ros import qos, wire
     from iolspi_ros.cli.cockpit import from_page, start_cockpit
     from iolspi_ros.core.learner import Source
+    from sim_nodes.tasks import task_class
 
     rclpy.init()
     node = rclpy.create_node("listener")
@@ -94,18 +103,19 @@ def held_in_a_page() -> Iterator[tuple[Browser, dict, Callable[..., None]]]:
                 raise SystemExit("what was waited for did not happen")
             rclpy.spin_once(node, timeout_sec=0.02)
 
-    folder, file = Path(tempfile.mkdtemp()), resources.config("pendulum")
-    bag = resources.find("demos", "pendulum", "set_5")
+    folder, file = Path(tempfile.mkdtemp()), resources.config(task)
+    bag = resources.find("demos", task, "set_5")
     with graph.Graph(folder) as nodes:
         address = start_cockpit(nodes, folder)
-        nodes.start("simulator", {"mode": "realtime"}, file)
+        nodes.start("simulator", {"task": task, "mode": "realtime"}, file)
         nodes.start("learner", {"background": True, "vehicle_timeout": 0.0}, file)
-        demonstrator = from_page(3) | {"source": "bag", "bags": [str(bag)], "review": False}
+        n_actions = task_class(task).description.n_actions
+        demonstrator = from_page(n_actions) | {"source": "bag", "bags": [str(bag)], "review": False}
         nodes.start("demonstrator", demonstrator, file)
         page = Browser()
         try:
             page.open(address)
-            until(lambda: (page.part("update") or {}).get("number", 0) >= 3)
+            until(lambda: (page.part("update") or {}).get("number", 0) >= updates, 300.0)
             page.click("stick-button")
             until(lambda: "you have the stick" in page.text("crowd"))
             page.run(NOTE)
