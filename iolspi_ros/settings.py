@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import typing
 from typing import Any
 
@@ -57,9 +58,14 @@ def check_field(field: dataclasses.Field[Any], value: Any) -> None:
     if rule.get("choices"):
         check_choice(field.name, value, rule["choices"])
     low, high = rule.get("low"), rule.get("high")
+    numbers = value if isinstance(value, tuple) else (value,)
+    if not _endless(field.default):
+        for number in numbers:
+            if isinstance(number, float) and not math.isfinite(number):
+                raise InputError(f"{field.name} is {value!r}; allowed: finite numbers")
     if low is None and high is None:
         return
-    for number in value if isinstance(value, tuple) else (value,):
+    for number in numbers:
         check_range(
             field.name,
             number,
@@ -68,6 +74,12 @@ def check_field(field: dataclasses.Field[Any], value: Any) -> None:
             low_open=rule["low_open"],
             high_open=rule["high_open"],
         )
+
+
+def _endless(default: Any) -> bool:
+    """Whether a default is, or holds, infinity: then others may be so, too."""
+    entries = default if isinstance(default, tuple) else (default,)
+    return any(isinstance(entry, float) and math.isinf(entry) for entry in entries)
 
 
 def from_mapping(cls: type[Any], values: dict[str, Any], where: str) -> Any:

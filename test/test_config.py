@@ -1,12 +1,20 @@
-"""The parameter files say what their tasks are."""
+"""The parameter files say what their tasks are, and settings refuse what is no number."""
 
+import importlib
+import math
+import pkgutil
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
+import iolspi_ros.methods
+import iolspi_ros.nodes
+import msg_bridge
+import sim_nodes.tasks
 from iolspi_ros import resources
 from iolspi_ros.core.learner import learner_class
+from iolspi_ros.errors import InputError
 from iolspi_ros.managed import Autostart
 from iolspi_ros.nodes.demonstrator import DemonstratorSettings
 from iolspi_ros.nodes.joystick import JoystickSettings
@@ -14,7 +22,7 @@ from iolspi_ros.nodes.learner import NodeSettings
 from iolspi_ros.nodes.player import PlayerSettings
 from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.nodes.teleop import TeleopSettings
-from iolspi_ros.settings import from_mapping
+from iolspi_ros.settings import Settings, from_mapping
 from sim_nodes import tasks
 from sim_nodes.pilots import PilotSettings
 from sim_nodes.simulator import SimulatorSettings, TaskChoice
@@ -89,3 +97,26 @@ def test_every_task_says_its_own_words(task):
     ends = about.ending(reward, terminated)
     assert (ends < len(about.endings)).all()
     np.testing.assert_array_equal(ends > 0, terminated)  # the first ending is the clock's
+
+
+def _known(kind=Settings):
+    return [each for sub in kind.__subclasses__() for each in (sub, *_known(sub))]
+
+
+@pytest.mark.parametrize("number", [math.inf, -math.inf, math.nan])
+def test_a_setting_is_finite_unless_its_default_is_not(number):
+    for package in (iolspi_ros.nodes, iolspi_ros.methods, sim_nodes.tasks, msg_bridge):
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if module.name.split(".")[-1] not in ("__main__", "server", "page", "session"):
+                importlib.import_module(module.name)
+    for kind in _known():
+        for field in fields(kind):
+            many = isinstance(field.default, tuple)
+            entries = field.default if many else (field.default,)
+            if not entries or not all(type(entry) is float for entry in entries):
+                continue
+            if any(map(math.isinf, entries)):
+                continue
+            for value in ((number,) * len(entries), (*entries[:-1], number)) if many else (number,):
+                with pytest.raises(InputError, match=field.name):
+                    kind(**{field.name: value})

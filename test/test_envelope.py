@@ -31,10 +31,10 @@ def fly(wanted, x, limits=LIMITS, lag=0.15, seconds=20.0):
 @settings(max_examples=30, deadline=None)
 @given(
     st.lists(st.sampled_from([-3.0, 0.0, 3.0]), min_size=200, max_size=200),
-    st.floats(-5.0, 2.0),
-)
-def test_whoever_acts_the_vehicle_stays_inside(actions, x):
-    for motion, acceleration in fly(lambda t, _: actions[int(t / 0.1) % 200], x):
+    st.sampled_from([0.1, 0.3, 0.6, 1.0, 1.4]), st.floats(-5.0, 2.0),
+)  # fmt: skip
+def test_whoever_acts_the_vehicle_stays_inside(actions, hold, x):
+    for motion, acceleration in fly(lambda t, _: actions[int(t / hold) % 200], x):
         assert violation(LIMITS, motion) == ""
         assert LIMITS.box[0] <= motion.x <= LIMITS.box[1]
         assert abs(acceleration) <= LIMITS.acceleration
@@ -55,7 +55,7 @@ def test_pumping_the_load_never_swings_it_beyond_its_angle():
         m.swing
         for m, _ in fly(lambda t, m: -3.0 * np.sign(m.plane(0).swing_rate or 1.0), 0.0, wide)
     ]
-    assert 0.6 * wide.swing < max(np.abs(angles)) < wide.swing
+    assert 0.5 * wide.swing < max(np.abs(angles)) < wide.swing
 
 
 FAST = Limits(jerk=1e4, braking=2.0)
@@ -127,18 +127,18 @@ def test_the_speed_after_the_response_is_the_limit(side, response):
     assert side * 1.8 + limited.acceleration * response == pytest.approx(side * 2.0)
 
 
-@pytest.mark.parametrize("rate", [-2.0, 2.0])
+@pytest.mark.parametrize("rate", [-1.8, 1.8])
 @pytest.mark.parametrize("response", [0.2, 0.4])
 def test_the_energy_after_the_response_is_that_of_the_limit(rate, response):
     """Of the swing, linearly: the load's energy grows with -a ω cos θ / L."""
     limits = Limits(jerk=1e4, response=response, box=(-1e4, 1e4), cable=1.5)
-    angle = 0.6
+    angle = 0.3
     limited = flown(moving(swing=angle, swing_rate=rate), -3.0 * np.sign(rate), limits)
     assert limited.reasons == ("swing",)
     pull = 9.81 / limits.cable
     energy = 0.5 * rate**2 + pull * (1.0 - math.cos(angle))
     gained = -limited.acceleration * rate * math.cos(angle) / limits.cable * response
-    most = pull * (1.0 - math.cos(0.75 * limits.swing))
+    most = pull * (1.0 - math.cos(0.6 * limits.swing))
     assert energy + gained == pytest.approx(most)
 
 
@@ -190,7 +190,7 @@ def test_where_the_envelope_ends(name, edge, outwards):
     "box", [(3.0, -3.0), (-3.0, 3.0, 2.0, -2.0), (-3.0, 3.0, -3.0), (), (math.nan, 1.0)]
 )
 def test_a_box_has_its_least_ends_first(box):
-    with pytest.raises(InputError, match="the least first"):
+    with pytest.raises(InputError, match=r"the least first|finite numbers"):
         Limits(box=box)
 
 
@@ -250,10 +250,10 @@ def fly_about(wanted, place, limits=HALL, lag=0.15, seconds=20.0):
 @settings(max_examples=20, deadline=None)
 @given(
     st.lists(st.tuples(*[st.sampled_from([-3.0, 0.0, 3.0])] * 2), min_size=100, max_size=100),
-    st.floats(-4.0, 4.0), st.floats(-3.0, 3.0),
+    st.sampled_from([0.2, 0.4, 0.8, 1.4]), st.floats(-4.0, 4.0), st.floats(-3.0, 3.0),
 )  # fmt: skip
-def test_whoever_acts_along_both_the_vehicle_stays_in_the_box(actions, x, y):
-    for motion, push in fly_about(lambda t, _: actions[int(t / 0.2) % 100], (x, y)):
+def test_whoever_acts_along_both_the_vehicle_stays_in_the_box(actions, hold, x, y):
+    for motion, push in fly_about(lambda t, _: actions[int(t / hold) % 100], (x, y)):
         assert violation(HALL, motion) == ""
         for place, (low, high) in zip(motion.place, HALL.sides, strict=False):
             assert low <= place <= high
@@ -267,12 +267,12 @@ def test_pumping_along_both_never_swings_the_load_beyond_its_angle():
         return -3.0 * np.sign(np.array(m.cable_rate[:2]) + 1e-9)
 
     swings = [m.swing for m, _ in fly_about(against, (0.0, 0.0), wide)]
-    assert 0.6 * wide.swing < max(swings) < wide.swing
+    assert 0.5 * wide.swing < max(swings) < wide.swing
 
 
 def test_the_energy_after_the_response_is_that_of_the_limit_when_both_axes_push_at_theirs():
     limits = Limits(jerk=1e4, box=(-1e4, 1e4) * 2, cable=1.5)
-    cable, rate = np.array([0.4, 0.3, -math.sqrt(0.75)]), np.array([1.6, 1.5, 0.0])
+    cable, rate = np.array([0.4, 0.3, -math.sqrt(0.75)]), np.array([0.96, 0.9, 0.0])
     rate[2] = -(cable[:2] @ rate[:2]) / cable[2]
     motion = moving(cable=tuple(cable), cable_rate=tuple(rate))
     found = [limit(limits, -3.0, motion, 0.0, DT, axis) for axis in (0, 1)]
@@ -280,7 +280,7 @@ def test_the_energy_after_the_response_is_that_of_the_limit_when_both_axes_push_
     pushes = np.array([limited.acceleration for limited in found])
     energy = 0.5 * rate @ rate + 9.81 / limits.cable * (1.0 + cable[2])
     gained = -(pushes @ rate[:2]) / limits.cable * limits.response
-    most = 9.81 / limits.cable * (1.0 - math.cos(0.75 * limits.swing))
+    most = 9.81 / limits.cable * (1.0 - math.cos(0.6 * limits.swing))
     assert energy + gained == pytest.approx(most)
 
 

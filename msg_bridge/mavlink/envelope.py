@@ -21,7 +21,7 @@ _BEYOND = 0.3  # the box, so far, is no violation yet [m]
 _NOISES = 3.0  # deviations of the position that the margin grows by
 _MOST = 1.0  # it grows to [m]
 _REST = 0.1  # beyond the margin, where a vehicle at rest is left alone [m]
-_SWING_SHARE = 0.75  # of the greatest angle, that pumping may reach: braking at the box adds to it
+_SWING_SHARE = 0.6  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
 
 @dataclass(frozen=True)
