@@ -22,6 +22,7 @@ def iolspi(*arguments, **environment):
 @pytest.mark.parametrize(("options", "words"), [
     (["--speed", 5], "--speed is 5.0; allowed: [0.1, 1.0]"),
     (["--task", "kite"], "kite"),
+    (["--config", "not_there.yaml"], "not_there.yaml"),
 ])  # fmt: skip
 def test_bad_input_is_said_in_a_line(tmp_path, options, words):
     ended = iolspi("cockpit", "--out", tmp_path / "out", *options)

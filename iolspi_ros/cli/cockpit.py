@@ -7,12 +7,13 @@ import signal
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from iolspi_ros.cli.app import app
 from iolspi_ros.cli.progress import console
+from iolspi_ros.cli.selecting import CONFIG
 from iolspi_ros.errors import InputError, check_range
 from iolspi_ros.folders import new_folder
 
@@ -42,6 +43,7 @@ def cockpit(
         ),
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to serve on; 0 for a free one.")] = 0,
+    config: Annotated[Optional[Path], typer.Option(help=CONFIG)] = None,
 ) -> None:
     """Fly a vehicle in the browser, keep what went well, and let the learner take over.
 
@@ -49,12 +51,13 @@ def cockpit(
     ends and saves all: the bag of what was kept, and the learner's checkpoint.
     """
     from iolspi_ros import graph, resources
-    from sim_nodes.tasks import task_class
+    from iolspi_ros.experiments.headless import make_vehicle
 
     check_range("--speed", speed, 0.1, 1.0)
-    n_actions = task_class(task)().description.n_actions
+    file = config or resources.config(task)
+    n_actions = make_vehicle(task, file).description.n_actions
     domain = graph.isolate()
-    out, file = new_folder(out), resources.config(task)
+    out = new_folder(out)
     bag, checkpoint = out.resolve() / "demonstration", out.resolve() / "checkpoint.npz"
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
