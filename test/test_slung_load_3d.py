@@ -406,6 +406,13 @@ def test_a_realisation_is_its_seed():
     assert one["judged"].sum(axis=1).tolist() == [100, 100]
 
 
+@pytest.mark.slow
+def test_a_realisation_without_an_update_has_as_many_numbers_as_others():
+    values = {"update_interval": 10**6, "epsilon": 1.0}
+    found = drop(SlungLoad3DRun(learner=values, demonstrations=0, episodes=100), 0)
+    assert found["averaged"].tolist() == found["judged"][-1:].tolist()
+
+
 def test_a_vehicle_that_changes_is_judged_on_both_sides():
     short = SlungLoad3DRun(
         learner={"kernels": 20, "update_interval": 60}, demonstrations=3, episodes=4, every=2,

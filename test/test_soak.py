@@ -39,6 +39,24 @@ def test_a_slope_is_that_of_each_life_from_its_own_level():
     assert soak.slope([life[:200] for life in lives], 1) is None
 
 
+@pytest.mark.parametrize(("more", "holds"), [(20.0, True), (60.0, False)])
+def test_where_others_are_killed_a_node_may_need_some_more_memory(more, holds):
+    time = np.arange(0.0, 400.0)
+
+    def run(levels):
+        found = soak.Run(scores=[1.0] * 8, steps=1)
+        for life, level in enumerate(levels):
+            grows = np.minimum(time / 10.0, 15.0)  # at first
+            rows = np.column_stack([time, level + grows, np.full(400, 9.0)])
+            found.vitals["learner", life] = rows.tolist()
+        return found
+
+    rows = soak.rows(run([100.0]), run([100.0, 100.0 + more]))
+    row = next(r for r in rows if r.name == "harmed: learner, the most that a life needs")
+    assert row.value == 115.0 + more
+    assert row.holds == holds
+
+
 def test_what_never_changes_grows_by_nothing():
     life = np.column_stack([np.arange(0.0, 400.0), np.full(400, 24.0)])
     assert soak.slope([life, life + 3.0], 1) == (0.0, 0.0)

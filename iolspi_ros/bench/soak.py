@@ -41,6 +41,9 @@ SETTLED = 60.0
 """Seconds that a process takes until its memory is what it needs."""
 WINDOW = 60.0
 """Seconds of which the least counts: an update takes up to 30 MB, and gives them back."""
+PEERS = 40.0
+"""Memory [MB] that a node may need more where others are killed: the first ones that come back take
+up to 20, for which Fast DDS keeps room, and those after them next to nothing."""
 LAST = 0.25
 """Share of the episodes, the last ones, by which a run is judged."""
 PATIENCE = 120.0
@@ -276,9 +279,11 @@ def rows(clean: Run, harmed: Run) -> list[Row]:
     ]  # fmt: skip
     for run, name in ((clean, "clean"), (harmed, "harmed")):
         for node in sorted({key[0] for key in run.vitals}):
-            lives = [np.array(v) for (who, _), v in run.vitals.items() if who == node]
+            lives = _lives(run, node)
             for column, unit, most in ((1, "MB/h", 1.0), (2, "files/h", 0.5)):
-                if (found_slope := slope(lives, column)) is not None:
+                if run is harmed and column == 1:
+                    found += _level(node, lives, _lives(clean, node))
+                elif (found_slope := slope(lives, column)) is not None:
                     middle, width = found_slope
                     about = f"{name}: {node} grows"
                     row = at_most(about, middle - width, f"{unit} (± {width:.2g})", most)
@@ -286,24 +291,44 @@ def rows(clean: Run, harmed: Run) -> list[Row]:
     return found
 
 
+def _lives(run: Run, node: str) -> list[np.ndarray]:
+    return [np.array(rows) for (who, _), rows in run.vitals.items() if who == node]
+
+
+def _level(node: str, harmed: list[np.ndarray], clean: list[np.ndarray]) -> list[Row]:
+    """The most memory that a life needs, where there are lives long enough."""
+    most, usual = (
+        max((float(parts.max()) for life in lives if len(parts := least(life, 1))), default=None)
+        for lives in (harmed, clean)
+    )
+    if most is None:
+        return []
+    name = f"harmed: {node}, the most that a life needs"
+    return [Row(name, most, "MB") if usual is None else at_most(name, most, "MB", usual + PEERS)]
+
+
+def least(life: np.ndarray, column: int) -> np.ndarray:
+    """The least of a number in each whole `WINDOW` of a life after its first `SETTLED` seconds."""
+    windows = ((life[:, 0] - life[0, 0] - SETTLED) // WINDOW).astype(int)
+    return np.array([
+        life[windows == window, column].min()
+        for window in range(windows[-1])  # the last is not over
+        if (windows == window).any()
+    ])  # fmt: skip
+
+
 def slope(lives: list[np.ndarray], column: int) -> tuple[float, float] | None:
     """How fast a number of some lives grows, and half its 95 % interval, per hour.
 
-    What counts is the least of each `WINDOW` seconds after the first `SETTLED` of a life, of lives
-    with three of these; a life's own level is taken off.
+    What counts is `least`, of lives with three of these; a life's own level is taken off.
     """
     times, values = [], []
     for life in lives:
-        windows = ((life[:, 0] - life[0, 0] - SETTLED) // WINDOW).astype(int)
-        least = np.array([
-            life[windows == window, column].min()
-            for window in range(windows[-1])  # the last is not over
-            if (windows == window).any()
-        ])  # fmt: skip
-        if len(least) > 2:
-            at = WINDOW * np.arange(len(least))
+        parts = least(life, column)
+        if len(parts) > 2:
+            at = WINDOW * np.arange(len(parts))
             times.append(at - at.mean())
-            values.append(least - least.mean())
+            values.append(parts - parts.mean())
     if not times:
         return None
     if not np.concatenate(values).any():

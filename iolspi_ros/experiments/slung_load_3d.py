@@ -145,8 +145,9 @@ def drop(setting: SlungLoad3DRun, seed: int) -> Mapping[str, Any]:
 
     def look() -> None:
         looks.append((len(endings), evaluate(task, greedy_policy(core))))
-        if kept and len(endings) % 100 == 0:
-            averaged.append(counted(evaluate(task, together).ending))
+        if endings and len(endings) % 100 == 0:
+            policy = together if kept else greedy_policy(core)  # from nothing that may take longer
+            averaged.append(counted(evaluate(task, policy).ending))
 
     listener = Listener(on_update=lambda _: kept.append(core.snapshot), on_episode=ended)
 

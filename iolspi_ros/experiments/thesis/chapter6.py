@@ -45,12 +45,15 @@ def studies() -> list[Study]:
 def _goals() -> list[Cell]:
     """What the task was built for."""
     shown = SlungLoad3DRun(learner=SMALL, every=25)
+    performed = replace(shown, pilot=replace(PILOT, mode="perform"))
     exploring = {"epsilon": 1.0, "epsilon_decay": 0.98}  # T 11-1, down to ε = 0.01 as well
     settings = {
         says.SHOWN: shown,
         says.NOTHING: with_learner(replace(shown, demonstrations=0), epsilon_min=0.01, **exploring),
         says.SHIELDED: with_learner(shown, shield=True),
         says.HELD: replace(shown, vehicle={**_WIND, "wind_held": True}),
+        says.PERFORMED: performed,
+        says.PERFORMED_SHIELDED: with_learner(performed, shield=True),
     }
     return [Cell(label, drop, setting, _SEEDS, 20.0) for label, setting in settings.items()]
 
@@ -58,12 +61,10 @@ def _goals() -> list[Cell]:
 def _asked() -> list[Cell]:
     """What T 6-1 asks, and what else makes a difference."""
     shown = SlungLoad3DRun(learner=SMALL, every=25)
-    performed = replace(PILOT, mode="perform")
     settings = {
         says.WINDY: replace(shown, vehicle=_WIND),
         says.ALONE: with_learner(shown, learner="iolspi"),
         says.FEW: replace(shown, demonstrations=10),
-        says.PERFORMED: replace(shown, pilot=performed),
         says.Q_LEARNING: replace(shown, learner={"learner": "q_learning", "centers": GRID}),
     }
     return [Cell(label, drop, setting, _FEWER, 19.0) for label, setting in settings.items()]
