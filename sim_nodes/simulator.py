@@ -24,8 +24,7 @@ from iolspi_ros.vehicle_topics import Answer, VehicleTopics
 from iolspi_ros.vitals import SILENCE, Pulse, Report, Vitals
 from sim_nodes.camera import Camera
 from sim_nodes.markers import Markers
-from sim_nodes.tasks import task_class
-from sim_nodes.tasks.base import Task
+from sim_nodes.tasks import as_set, task_class
 from sim_nodes.world import WorldMemory, WorldSettings, make_world
 
 
@@ -180,7 +179,7 @@ class Simulator(ManagedNode):
     def _restart(self) -> None:
         """Make the world anew from the parameters as they are now."""
         self.settings = parameters.read(self, SimulatorSettings)
-        task: Task = (
+        task = as_set(
             parameters.read(self, self._task_class) if self._task_settings else self._task_class()
         )
         world = parameters.read(self, WorldSettings)

@@ -30,8 +30,8 @@ RESTING = {"SIM_UID": 7, "COM_OF_LOSS_T": 0.5, "COM_DISARM_PRFLT": 0.0}
 
 def plan(autopilot="embedded", task="slung_load", **given):
     options = {"url": None, "like": "px4", "speed_up": 1.0, "load": "feed", "demonstration": 5,
-               "checkpoint": None, "practice": 500, "episodes": 10, "shown": 13, "seed": 0,
-               "bridge": []} | given  # fmt: skip
+               "checkpoint": None, "practice": 500, "practise_on": "autopilot", "episodes": 10,
+               "shown": 13, "seed": 0, "bridge": []} | given  # fmt: skip
     return make_plan(task, autopilot, **options)
 
 

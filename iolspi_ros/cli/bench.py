@@ -97,7 +97,7 @@ def _elsewhere(
     """What flies an autopilot that is elsewhere; refused before anything happens."""
     from iolspi_ros import resources
     from iolspi_ros.bench import real
-    from iolspi_ros.cli.flight_plan import URLS, make_plan
+    from iolspi_ros.cli.flight_plan import MODELS, URLS, make_plan
     from iolspi_ros.folders import new_folder
 
     if subjects != ["bridge"]:
@@ -109,8 +109,8 @@ def _elsewhere(
             "--it-is-a-simulator, which says that nobody can be hurt"
         )
     plan = make_plan(
-        "slung_load", autopilot or "", url, "px4", speed_up, "estimate", 5, None, 500, 10, 13, 0,
-        bridge or [],
+        "slung_load", autopilot or "", url, "px4", speed_up, "estimate", 5, None, 500, MODELS[0],
+        10, 13, 0, bridge or [],
     )  # fmt: skip
     more = [part for text in bridge or [] for part in ("--bridge", text)]
     shared = ["--autopilot", plan.autopilot, "--url", plan.url, "--load", "estimate",

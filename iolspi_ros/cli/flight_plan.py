@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +24,9 @@ TASKS = ("slung_load", "slung_load_3d")
 EMBEDDED = "embedded"
 URLS = {"px4": "udpin:127.0.0.1:14540", "ardupilot": "tcp:127.0.0.1:5760", "paparazzi": ""}
 AUTOPILOTS = (EMBEDDED, *URLS)
+MODELS = ("autopilot", "ideal")
+"""What may be practised on: a model that answers as the autopilot does, or T's own."""
+_ANSWERS = ("delay", "lag", "drag")  # as profiles have them, and models that can be set so
 _SHARED = ("basket", "basket_radius", "cable", "accelerations")  # of model and flight, if it has it
 _SLACK = 0.05  # of wall time that an answer may be late by, whatever the speed-up [s]
 
@@ -45,6 +49,8 @@ class FlightPlan(NamedTuple):
         What is learned from first, or what was.
     practice, episodes, shown : int
         Episodes on the model, in the air while learning, in the air without.
+    practise_on : str
+        One of `MODELS`.
     seed : int
     pretrained_on : str
         In words.
@@ -62,6 +68,7 @@ class FlightPlan(NamedTuple):
     bag: Path | None
     checkpoint: Path | None
     practice: int
+    practise_on: str
     episodes: int
     shown: int
     seed: int
@@ -92,6 +99,26 @@ class FlightPlan(NamedTuple):
         from msg_bridge.mavlink.settings import FlightSettings, LinkSettings
 
         return self._of(LinkSettings), self._of(FlightSettings)
+
+    @property
+    def answers(self) -> dict[str, float]:
+        """How the model answers that is practised on, where it is not the ideal one."""
+        from msg_bridge.mavlink.flown import TASKS
+        from msg_bridge.mavlink.profiles import PROFILES
+
+        if self.practise_on == "ideal":
+            return {}
+        profile, known = PROFILES[self.autopilot], fields(TASKS[self.task])
+        found = {name: getattr(profile, name) for name in _ANSWERS}
+        found |= {f"{name}_spread": profile.spread for name in _ANSWERS}
+        return {field.name: found[field.name] for field in known if field.name in found}
+
+    def model(self) -> Any:
+        """The vehicle that is practised on."""
+        from sim_nodes.tasks import make_task
+
+        values = resources.parameters(self.config, "simulator") | self.answers
+        return make_task(self.task, values, str(self.config))
 
     def check(self) -> None:
         """Raise unless the bridge would fly it.
@@ -127,8 +154,8 @@ class FlightPlan(NamedTuple):
 
 def make_plan(
     task: str, autopilot: str, url: str | None, like: str, speed_up: float, load: str,
-    demonstration: int, checkpoint: Path | None, practice: int, episodes: int, shown: int,
-    seed: int, bridge: list[str],
+    demonstration: int, checkpoint: Path | None, practice: int, practise_on: str, episodes: int,
+    shown: int, seed: int, bridge: list[str],
 ) -> FlightPlan:  # fmt: skip
     """The plan that the options of `iolspi fly` make.
 
@@ -146,6 +173,7 @@ def make_plan(
     check_choice("--autopilot", autopilot, AUTOPILOTS)
     check_choice("--like", like, tuple(FIRMWARES))
     check_choice("--load", load, ("feed", "estimate"))
+    check_choice("--practise-on", practise_on, MODELS)
     check_range("--speed-up", speed_up, 0.1, 20.0)
     check_range("--episodes", episodes, 0, 1e6)
     check_range("--shown", shown, 1, 1e6)
@@ -164,7 +192,7 @@ def make_plan(
         raise InputError(f"--checkpoint {checkpoint} is not there; allowed: a file")
     plan = FlightPlan(
         task, str(address), like if embedded else autopilot, embedded, speed_up, bag, checkpoint,
-        practice if bag else 0, episodes, shown, seed,
+        practice if bag else 0, practise_on, episodes, shown, seed,
         f"demonstration set {demonstration}" if bag else f"what {checkpoint} holds",
         {"load_source": load} | dict(_assignment(text) for text in bridge),
     )  # fmt: skip
@@ -191,9 +219,11 @@ def practise(plan: FlightPlan, out: Path) -> FlightPlan:
     from iolspi_ros.bags import read_demonstration
     from iolspi_ros.core import checkpoint
     from iolspi_ros.experiments.headless import Listener, prepare, train
+    from sim_nodes.world import make_world
 
     assert plan.bag is not None
-    world, learner, name = prepare(plan.task, plan.config, plan.seed)
+    ideal, learner, name = prepare(plan.task, plan.config, plan.seed)
+    world = make_world(plan.model(), ideal.settings, ideal.rng)
     done = 0
     samples = read_demonstration(plan.bag, learner.task).transitions()
     learner.pretrain(samples)
@@ -209,11 +239,21 @@ def practise(plan: FlightPlan, out: Path) -> FlightPlan:
     checkpoint.save(path, learner, name)
     return plan._replace(
         bag=None, checkpoint=path, demonstrated=len(samples),
-        pretrained_on=f"{plan.pretrained_on} and {plan.practice} episodes on the model",
+        pretrained_on=f"{plan.pretrained_on} and {plan.practice} episodes on {_model(plan)}",
     )  # fmt: skip
 
 
 # ------------------------------------------------------------ in words
+
+
+def _model(plan: FlightPlan) -> str:
+    """What is practised on."""
+    answers = plan.answers
+    if not answers:
+        return "the model"
+    numbers = ", ".join(f"{name} {answers[name]:g}" for name in _ANSWERS if name in answers)
+    share = answers[f"{_ANSWERS[0]}_spread"]
+    return f"a model that answers as {plan.autopilot} does ({numbers}, each ±{share:.0%})"
 
 
 def describe(plan: FlightPlan) -> Iterator[str]:
@@ -223,7 +263,7 @@ def describe(plan: FlightPlan) -> Iterator[str]:
 
     profile, (link, flight) = PROFILES[plan.autopilot], plan.settings()
     if plan.practice:
-        yield f"Learn from {plan.pretrained_on}, then {plan.practice} episodes on the model."
+        yield f"Learn from {plan.pretrained_on}, then {plan.practice} episodes on {_model(plan)}."
     else:
         yield f"Learn from {plan.pretrained_on}."
     yield (

@@ -8,7 +8,15 @@ from typing import Annotated, Optional
 import typer
 
 from iolspi_ros.cli.app import app
-from iolspi_ros.cli.flight_plan import AUTOPILOTS, TASKS, FlightPlan, describe, make_plan, practise
+from iolspi_ros.cli.flight_plan import (
+    AUTOPILOTS,
+    MODELS,
+    TASKS,
+    FlightPlan,
+    describe,
+    make_plan,
+    practise,
+)
 from iolspi_ros.cli.progress import console, so_far
 from iolspi_ros.errors import InputError
 from iolspi_ros.folders import new_folder
@@ -41,6 +49,13 @@ def fly(
     practice: Annotated[
         int, typer.Option(min=0, help="Episodes to fly on the model first, without the autopilot.")
     ] = 500,
+    practise_on: Annotated[
+        str,
+        typer.Option(
+            help="A model that answers as late and is braked as the autopilot, or the ideal one: "
+            f"{', '.join(MODELS)}."
+        ),
+    ] = MODELS[0],
     episodes: Annotated[int, typer.Option(help="To fly while learning.")] = 10,
     shown: Annotated[int, typer.Option(help="To fly then, without learning.")] = 13,
     seed: Annotated[int, typer.Option(min=0, help="Of the learner and the starts.")] = 0,
@@ -75,8 +90,8 @@ def fly(
     if restore:
         raise typer.Exit(flight_parameters.restore(url))
     wanted = make_plan(
-        task, autopilot, url, like, speed_up, load, demonstration, checkpoint, practice, episodes,
-        shown, seed, bridge or [],
+        task, autopilot, url, like, speed_up, load, demonstration, checkpoint, practice,
+        practise_on, episodes, shown, seed, bridge or [],
     )  # fmt: skip
     if plan:
         for line in describe(wanted):
@@ -97,10 +112,9 @@ def _fly(plan: FlightPlan, out: Path) -> None:
     from iolspi_ros.bags import BagWriter
     from iolspi_ros.cli import flight_report
     from iolspi_ros.cli.flight import Flight, Warnings, end_bridge, start_embedded
-    from iolspi_ros.experiments.headless import make_vehicle
     from iolspi_ros.nodes.monitor import watching
 
-    vehicle = make_vehicle(plan.task, plan.config)
+    vehicle = plan.model()
     if plan.practice:
         plan = practise(plan, out)
     with (

@@ -74,5 +74,11 @@ def make_task(name: str, values: dict[str, Any], where: str) -> Task:
         When the task is unknown or a value is not allowed.
     """
     cls = task_class(name)
-    task: Task = from_mapping(cls, values, where) if issubclass(cls, Settings) else cls()
-    return task
+    return as_set(from_mapping(cls, values, where) if issubclass(cls, Settings) else cls())
+
+
+def as_set(task: Any) -> Task:
+    """The vehicle that a task's settings make: the task, or what its `as_flown` gives."""
+    made = task.as_flown() if hasattr(task, "as_flown") else None
+    vehicle: Task = task if made is None else made
+    return vehicle

@@ -31,6 +31,7 @@ class Task(Protocol):
     - `compiled`, `parameters(time)`: see `Compiled`; else training goes step by step.
     - `succeeded(states, rewards)`: see `Judging`; else the endings say who succeeded.
     - `reference_points`, `reference_lookahead`: see `Reference`; else reports have no baseline.
+    - `as_flown()`: the `Stateful` vehicle that its settings make, None for the task itself.
     - `usual_episodes`: episodes in which it can be learned; else `USUAL_EPISODES`.
     - `pilot(mode, rng)`: the law of a scripted pilot (`law.Law`), None for a mode it does not have.
     - `picture(state)`: shapes for RViz, the animation of a report and the cockpit.

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.errors import check_range
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import Action, Ending, TaskDescription, Variable
 from sim_nodes.tasks.base import advance
 from sim_nodes.tasks.law import Law
 from sim_nodes.tasks.shapes import FALL_TIME, Picture, Point
 from sim_nodes.tasks.slung_load import dynamics
+from sim_nodes.tasks.slung_load.as_flown import LATEST, AsFlown
 from sim_nodes.tasks.slung_load.dynamics import (
     ACCELERATIONS,
     CABLE,
@@ -51,6 +53,9 @@ class SlungLoad(Settings):
     the step that leads into it, a wall before the cable; γ. A release ends the episode whatever
     the quadrotor does in that step.
 
+    `step` is T's own vehicle, which answers at once; `as_flown` makes one that answers as an
+    autopilot does. In T Eq. 18 the load does not pull at the quadrotor, so that no mass is in it.
+
     References
     ----------
     T IV-B, Eqs. 18 to 20, Table 2; 11-1 and 11-2.
@@ -60,6 +65,20 @@ class SlungLoad(Settings):
         "wide",
         "initial positions: -6 to 0 m (T IV-B), or narrow, -5 to -4 m (T 11-2)",
         choices=tuple(_RANGES),
+    )
+    delay: float = setting(
+        0.0, "an acceleration begins to come about so late [s]", low=0.0, high=LATEST
+    )
+    lag: float = setting(0.0, "first-order lag with which it then does [s]", low=0.0, high=2.0)
+    drag: float = setting(0.0, "of the vehicle: deceleration over speed [1/s]", low=0.0, high=5.0)
+    delay_spread: float = setting(
+        0.0, "the delay differs between episodes, by this share each way", low=0.0, high=1.0
+    )
+    lag_spread: float = setting(
+        0.0, "the lag differs between episodes, by this share each way", low=0.0, high=1.0
+    )
+    drag_spread: float = setting(
+        0.0, "the drag differs between episodes, by this share each way", low=0.0, high=1.0
     )
 
     # From rest, 26 steps of 0.3 m/s reach the farther wall; no load swings faster than 6.2 rad/s.
@@ -98,6 +117,15 @@ class SlungLoad(Settings):
     compiled = staticmethod(dynamics.step)
 
     length, goal, margin, rim, walls = LENGTH, GOAL, MARGIN, RIM, WALLS  # [m]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        longest = self.delay * (1.0 + self.delay_spread)
+        check_range("delay, where episodes differ (+1),", longest, 0.0, LATEST)
+
+    def as_flown(self) -> AsFlown | None:
+        """The same with a vehicle that answers late or is braked by the air; None for T's own."""
+        return AsFlown(self) if self.delay or self.lag or self.drag else None
 
     def parameters(self, time: float) -> Array:
         """(g, L, x_goal, x_gmargin, z_goal, x of the walls, T_s), shape (8,); always the same."""
