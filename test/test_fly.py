@@ -84,6 +84,7 @@ def test_the_plan_flies_nothing_and_sends_nothing(places, tmp_path):
         ({"url": "tcp:127.0.0.1:5760"}, "allowed for the embedded autopilot: udpin, udpout"),
         ({"bridge": ["release"]}, "allowed: NAME=VALUE"),
         ({"bridge": ["release=magnet"]}, "release is 'magnet'; allowed: auto, gripper"),
+        ({"practise_on": "mars"}, "--practise-on is 'mars'; allowed: autopilot, ideal"),
         ({"bridge": ["servo=40"]}, "servo is 40; allowed"),
     ],
 )
@@ -114,6 +115,34 @@ HALL = "slung_load_3d"
 def test_what_does_not_fit_the_task_is_refused_too(task, given, why):
     with pytest.raises(InputError, match=why):
         plan(task=task, **given)
+
+
+def test_what_is_practised_on_is_said_and_goes_from_ideal_to_more_than_the_autopilots():
+    found, answer = plan("px4"), PROFILES["px4"].answer
+    said = next(describe(found))
+    assert "500 episodes on a model that answers as px4 may: up to 0.13 s late" in said
+    responses = []
+    for seed in range(300):
+        model = found.model()
+        model.begin(seed)
+        responses.append(model.response)
+    for name in ("delay", "lag", "drag"):
+        drawn = [getattr(response, name) for response in responses]
+        assert min(drawn) < 0.05 * getattr(answer, name)
+        assert 1.25 < max(drawn) / getattr(answer, name) <= 4 / 3
+    gains = [response.gain for response in responses]
+    assert min(gains) < answer.gain < max(gains)
+    assert 0.4 < max(response.push for response in responses) <= answer.push
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"practise_on": "ideal"}, {"autopilot": "ardupilot"}, {"task": HALL, "load": "estimate"}],
+)
+def test_the_ideal_model_is_practised_on_where_that_is_asked_for_or_nothing_else_is_known(given):
+    found = plan(**{"autopilot": "px4"} | given)
+    assert "500 episodes on the model." in next(describe(found))
+    assert type(found.model()) is flown.TASKS[found.task]
 
 
 def test_what_can_be_flown_is_what_the_bridge_flies():

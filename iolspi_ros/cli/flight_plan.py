@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +25,9 @@ URLS = {"px4": "udpin:127.0.0.1:14540", "ardupilot": "tcp:127.0.0.1:5760", "papa
 AUTOPILOTS = (EMBEDDED, *URLS)
 MODELS = ("autopilot", "ideal")
 """What may be practised on: a model that answers as the autopilot does, or T's own."""
-_ANSWERS = ("delay", "lag", "drag")  # as profiles have them, and models that can be set so
+_SLUGGISH = ("delay", "lag", "drag")
+_MOST = 4 / 3  # of the autopilot's: practice goes from nothing to so much, and what is typical
+_GAIN_SPREAD = 0.1
 _SHARED = ("basket", "basket_radius", "cable", "accelerations")  # of model and flight, if it has it
 _SLACK = 0.05  # of wall time that an answer may be late by, whatever the speed-up [s]
 
@@ -102,16 +103,23 @@ class FlightPlan(NamedTuple):
 
     @property
     def answers(self) -> dict[str, float]:
-        """How the model answers that is practised on, where it is not the ideal one."""
-        from msg_bridge.mavlink.flown import TASKS
-        from msg_bridge.mavlink.profiles import PROFILES
+        """Settings by which the model that is practised on answers as the autopilot may.
 
-        if self.practise_on == "ideal":
+        From episode to episode it is anything between an ideal vehicle and one that is a third
+        more sluggish than was measured. Empty for the ideal one.
+        """
+        from msg_bridge.mavlink.flown import TASKS
+        from msg_bridge.mavlink.profiles import IDEAL, PROFILES
+
+        answer = PROFILES[self.autopilot].answer
+        able = {"as_flown"} <= set(dir(TASKS[self.task]))
+        if self.practise_on == "ideal" or answer == IDEAL or not able:
             return {}
-        profile, known = PROFILES[self.autopilot], fields(TASKS[self.task])
-        found = {name: getattr(profile, name) for name in _ANSWERS}
-        found |= {f"{name}_spread": profile.spread for name in _ANSWERS}
-        return {field.name: found[field.name] for field in known if field.name in found}
+        found = {name: getattr(answer, name) * _MOST / 2.0 for name in _SLUGGISH}
+        found |= {f"{name}_spread": 1.0 for name in _SLUGGISH}
+        return found | {
+            "gain": answer.gain, "gain_spread": _GAIN_SPREAD, "push_spread": answer.push
+        }  # fmt: skip
 
     def model(self) -> Any:
         """The vehicle that is practised on."""
@@ -248,12 +256,16 @@ def practise(plan: FlightPlan, out: Path) -> FlightPlan:
 
 def _model(plan: FlightPlan) -> str:
     """What is practised on."""
-    answers = plan.answers
-    if not answers:
+    a = plan.answers
+    if not a:
         return "the model"
-    numbers = ", ".join(f"{name} {answers[name]:g}" for name in _ANSWERS if name in answers)
-    share = answers[f"{_ANSWERS[0]}_spread"]
-    return f"a model that answers as {plan.autopilot} does ({numbers}, each ±{share:.0%})"
+    delay, lag, drag = (2.0 * a[name] for name in _SLUGGISH)
+    low, high = (a["gain"] * (1.0 + side * a["gain_spread"]) for side in (-1.0, 1.0))
+    return (
+        f"a model that answers as {plan.autopilot} may: up to {delay:.2f} s late, with a lag up to "
+        f"{lag:.2f} s, drag up to {drag:.1f} /s, {low:.2f} to {high:.2f} times what is asked for, "
+        f"pushed by up to {a['push_spread']:g} m/s²"
+    )
 
 
 def describe(plan: FlightPlan) -> Iterator[str]:

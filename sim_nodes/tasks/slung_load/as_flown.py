@@ -38,11 +38,17 @@ class Response(NamedTuple):
         First-order time constant with which it then does [s].
     drag : float
         The vehicle's own: deceleration over speed [1/s].
+    push : float
+        What pushes it besides, all the time [m/s²].
+    gain : float
+        Times an acceleration that is asked for, it comes about.
     """
 
     delay: float
     lag: float
     drag: float
+    push: float
+    gain: float
 
 
 @cached_njit()
@@ -61,7 +67,7 @@ def move(state: Array, memory: Array, asked: float, response: Response, paramete
     parameters : ndarray of shape (8,)
         As of `SlungLoad.parameters`.
     """
-    delay, lag, drag = response
+    delay, lag, drag, push, gain = response
     g, L, period = parameters[0], parameters[1], parameters[7]
     h = period / FINE
     follows = -math.expm1(-h / lag) if lag > 0.0 else 1.0
@@ -70,8 +76,8 @@ def move(state: Array, memory: Array, asked: float, response: Response, paramete
     x, speed, angle, rate = state
     for n in range(FINE):
         behind = max(0, math.ceil((delay - n * h) / period - 1e-9))
-        memory[0] += follows * (memory[1 + behind] - memory[0])
-        a = memory[0] - drag * speed
+        memory[0] += follows * (gain * memory[1 + behind] - memory[0])
+        a = memory[0] - drag * speed + push
         swung = math.cos(angle) * a + math.sin(angle) * g / L
         x, speed, angle, rate = (
             x + speed * h, speed + a * h, angle + rate * h, rate - swung * h,
@@ -100,7 +106,7 @@ class AsFlown:
         self._parameters = np.array(PARAMETERS)
         self._state: Array | None = None
         self._memory = np.zeros(1 + _ASKED)
-        self.response = Response(0.0, 0.0, 0.0)
+        self.response = Response(0.0, 0.0, 0.0, 0.0, 1.0)
 
     def fresh(self) -> AsFlown:
         """Another of the kind."""
@@ -110,15 +116,20 @@ class AsFlown:
         """At rest at a start of the task; how the vehicle answers in this episode."""
         rng = np.random.default_rng(seed)
         self._state = self.task.draw_initial(rng)
-        late, slow, braked = rng.uniform(-1.0, 1.0, 3).tolist()
+        self.response = self._draw(rng)
+        self._memory[:] = 0.0
+        return self._state.copy()
+
+    def _draw(self, rng: np.random.Generator) -> Response:
+        late, slow, braked, pushed, strong = rng.uniform(-1.0, 1.0, 5).tolist()
         task = self.task
-        self.response = Response(
+        return Response(
             task.delay * (1.0 + task.delay_spread * late),
             task.lag * (1.0 + task.lag_spread * slow),
             task.drag * (1.0 + task.drag_spread * braked),
+            task.push_spread * pushed,
+            task.gain * (1.0 + task.gain_spread * strong),
         )
-        self._memory[:] = 0.0
-        return self._state.copy()
 
     def advance(self, action: int, noise: float = 0.0) -> tuple[Array, float, bool, bool]:
         """Hold an action for T_s; rewards and ends are the task's.

@@ -71,6 +71,12 @@ class SlungLoad(Settings):
     )
     lag: float = setting(0.0, "first-order lag with which it then does [s]", low=0.0, high=2.0)
     drag: float = setting(0.0, "of the vehicle: deceleration over speed [1/s]", low=0.0, high=5.0)
+    gain: float = setting(
+        1.0, "times what is asked for, an acceleration comes about", low=0.1, high=3.0
+    )
+    gain_spread: float = setting(
+        0.0, "the gain differs between episodes, by this share each way", low=0.0, high=0.9
+    )
     delay_spread: float = setting(
         0.0, "the delay differs between episodes, by this share each way", low=0.0, high=1.0
     )
@@ -79,6 +85,12 @@ class SlungLoad(Settings):
     )
     drag_spread: float = setting(
         0.0, "the drag differs between episodes, by this share each way", low=0.0, high=1.0
+    )
+    push_spread: float = setting(
+        0.0,
+        "something pushes the vehicle all the time: by up to so much each way [m/s^2]",
+        low=0.0,
+        high=3.0,
     )
 
     # From rest, 26 steps of 0.3 m/s reach the farther wall; no load swings faster than 6.2 rad/s.
@@ -125,7 +137,8 @@ class SlungLoad(Settings):
 
     def as_flown(self) -> AsFlown | None:
         """The same with a vehicle that answers late or is braked by the air; None for T's own."""
-        return AsFlown(self) if self.delay or self.lag or self.drag else None
+        changed = (self.delay, self.lag, self.drag, self.push_spread, self.gain_spread)
+        return AsFlown(self) if any(changed) or self.gain != 1.0 else None
 
     def parameters(self, time: float) -> Array:
         """(g, L, x_goal, x_gmargin, z_goal, x of the walls, T_s), shape (8,); always the same."""
