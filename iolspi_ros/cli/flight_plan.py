@@ -28,6 +28,7 @@ MODELS = ("autopilot", "ideal")
 _SLUGGISH = ("delay", "lag", "drag")
 _MOST = 4 / 3  # of the autopilot's: practice goes from nothing to so much, and what is typical
 _GAIN_SPREAD = 0.1
+_GOOD, _LONGEST, _ROUND = 0.98, 2, 50  # successes; times the practice; episodes at once
 _SHARED = ("basket", "basket_radius", "cable", "accelerations")  # of model and flight, if it has it
 _SLACK = 0.05  # of wall time that an answer may be late by, whatever the speed-up [s]
 
@@ -223,31 +224,52 @@ def free_port() -> int:
 
 
 def practise(plan: FlightPlan, out: Path) -> FlightPlan:
-    """Learn from the demonstrations, then online on the model; what is learned is flown."""
+    """Learn from the demonstrations, then online on the model; what is learned is flown.
+
+    On a model that answers as the autopilot may, a policy is better after some updates than after
+    others: there practice goes on until it is good, and the best one is flown.
+    """
     from iolspi_ros.bags import read_demonstration
     from iolspi_ros.core import checkpoint
+    from iolspi_ros.core.learner import greedy_policy
+    from iolspi_ros.experiments.evaluate import evaluate
     from iolspi_ros.experiments.headless import Listener, prepare, train
     from sim_nodes.world import make_world
 
     assert plan.bag is not None
     ideal, learner, name = prepare(plan.task, plan.config, plan.seed)
-    world = make_world(plan.model(), ideal.settings, ideal.rng)
-    done = 0
+    model = plan.model()
+    world = make_world(model, ideal.settings, ideal.rng)
     samples = read_demonstration(plan.bag, learner.task).transitions()
     learner.pretrain(samples)
-    with bar("practising on the model [episodes]", plan.practice) as show:
+    path, done = out / "practised.npz", 0
 
-        def ended(score: float, reward: float, terminated: bool) -> None:
-            nonlocal done
-            done += 1
-            show(done)
+    def train_for(what: str, episodes: int) -> None:
+        begun = done
+        with bar(what, episodes) as show:
 
-        train(world, learner, plan.practice, Listener(on_episode=ended))
-    path = out / "practised.npz"
+            def ended(score: float, reward: float, terminated: bool) -> None:
+                nonlocal done
+                done += 1
+                show(done - begun)
+
+            train(world, learner, episodes, Listener(on_episode=ended))
+
+    train_for("practising on the model [episodes]", plan.practice)
     checkpoint.save(path, learner, name)
+    words = f"{plan.practice} episodes on {_model(plan)}"
+    if plan.answers:
+        best = share = evaluate(model, greedy_policy(learner)).success_fraction
+        while share < _GOOD and done < _LONGEST * plan.practice:
+            train_for(f"at {share:.0%}; practising on [episodes]", _ROUND)
+            share = evaluate(model, greedy_policy(learner)).success_fraction
+            if share > best:
+                best = share
+                checkpoint.save(path, learner, name)
+        words = f"{done} episodes on {_model(plan)} (the best policy there: {best:.0%})"
     return plan._replace(
         bag=None, checkpoint=path, demonstrated=len(samples),
-        pretrained_on=f"{plan.pretrained_on} and {plan.practice} episodes on {_model(plan)}",
+        pretrained_on=f"{plan.pretrained_on} and {words}",
     )  # fmt: skip
 
 
@@ -276,6 +298,11 @@ def describe(plan: FlightPlan) -> Iterator[str]:
     profile, (link, flight) = PROFILES[plan.autopilot], plan.settings()
     if plan.practice:
         yield f"Learn from {plan.pretrained_on}, then {plan.practice} episodes on {_model(plan)}."
+        if plan.answers:
+            yield (
+                f"  Up to {_LONGEST} times as many, until {_GOOD:.0%} succeed there; the best "
+                "policy is flown."
+            )
     else:
         yield f"Learn from {plan.pretrained_on}."
     yield (
