@@ -261,7 +261,7 @@ def practise(plan: FlightPlan, out: Path) -> FlightPlan:
     if plan.answers:
         best = share = evaluate(model, greedy_policy(learner)).success_fraction
         while share < _GOOD and done < _LONGEST * plan.practice:
-            train_for(f"at {share:.0%}; practising on [episodes]", _ROUND)
+            train_for(f"{share:.0%} succeed; practising on [episodes]", _ROUND)
             share = evaluate(model, greedy_policy(learner)).success_fraction
             if share > best:
                 best = share

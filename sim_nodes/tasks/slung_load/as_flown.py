@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from iolspi_ros.compiling import cached_njit
 from iolspi_ros.errors import InputError
 from sim_nodes.tasks.slung_load.dynamics import ACCELERATIONS, PARAMETERS, RELEASE, judge
-
-if TYPE_CHECKING:
-    from sim_nodes.tasks.slung_load.task import SlungLoad
 
 Array = NDArray[np.float64]
 
@@ -97,7 +94,7 @@ class AsFlown:
         With the settings that say how it answers.
     """
 
-    def __init__(self, task: SlungLoad) -> None:
+    def __init__(self, task: Any) -> None:
         self.task = task
         self.description, self.usual_episodes = task.description, task.usual_episodes
         self.starts = len(task.initial_states())
