@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,6 +85,10 @@ class WorldMemory:
     state : ndarray of shape (n_dims,)
     rng : dict
     vehicle_steps, episodes_started, step : int
+    seed : int
+        Of the episode of a vehicle that keeps its state to itself; -1 for none.
+    flown : ndarray of shape (n, 2)
+        That one's actions in this episode so far, and the noise on them.
     """
 
     state: Array
@@ -92,6 +96,8 @@ class WorldMemory:
     vehicle_steps: int
     episodes_started: int
     step: int
+    seed: int = -1
+    flown: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 class World:
@@ -184,10 +190,11 @@ class World:
         InputError
             When it is of another vehicle, or no memory.
         """
-        if memory.state.shape != (self._starts.shape[1],) or memory.step < 0:
+        n_dims = self.task.description.n_dims
+        if memory.state.shape != (n_dims,) or memory.step < 0:
             raise InputError(
-                f"the vehicle's state has shape {memory.state.shape}; allowed: "
-                f"({self._starts.shape[1]},), this vehicle's"
+                f"the vehicle's state has shape {memory.state.shape}; allowed: ({n_dims},), this "
+                "vehicle's"
             )
         try:
             self.rng.bit_generator.state = memory.rng
@@ -225,6 +232,7 @@ class StatefulWorld(World):
         self, vehicle: Stateful, settings: WorldSettings, rng: np.random.Generator
     ) -> None:
         self._vehicle = vehicle
+        self._seed, self._flown = -1, list[tuple[float, float]]()
         known_by: Any = vehicle  # a task's description, and what it may have besides
         super().__init__(known_by, settings, rng)
 
@@ -237,10 +245,38 @@ class StatefulWorld(World):
 
     def _start(self, number: int | None) -> Array:
         seed = int(self.rng.integers(2**31)) if number is None else number % len(self._starts)
+        self._seed, self._flown = seed, []
         return self._vehicle.begin(seed)
 
     def _advance(self, action: int, noise: float) -> tuple[Array, float, bool, bool]:
+        self._flown.append((float(action), noise))
         return self._vehicle.advance(action, noise)
+
+    def memory(self) -> WorldMemory:
+        """All that a later `recall` needs to go on bit by bit the same."""
+        flown = np.array(self._flown, float).reshape(-1, 2)
+        return replace(super().memory(), seed=self._seed, flown=flown)
+
+    def recall(self, memory: WorldMemory) -> None:
+        """Go on from what `memory` gave: the episode so far is flown again.
+
+        Raises
+        ------
+        InputError
+            When it is of another vehicle, or no memory.
+        """
+        n_actions, flown = self.task.description.n_actions, memory.flown
+        known = flown.ndim == 2 and flown.shape[1:] == (2,) and np.isfinite(flown).all()
+        if not known or memory.seed < 0 or not np.isin(flown[:, 0], range(n_actions)).all():
+            raise InputError(
+                "what was flown in this episode is not known; allowed: the episode's seed, and "
+                f"rows of an action below {n_actions} and its noise"
+            )
+        super().recall(memory)
+        self._seed, self._flown = memory.seed, []
+        self._vehicle.begin(memory.seed)
+        for action, noise in flown.tolist():
+            self._advance(int(action), noise)
 
 
 def make_world(vehicle: Any, settings: WorldSettings, rng: np.random.Generator) -> World:

@@ -204,6 +204,32 @@ def test_the_envelope_keeps_the_cable_below_leaning_rotors():
         assert down @ level < 0.0
 
 
+@pytest.mark.parametrize(
+    "vehicle",
+    [SlungLoad3D(wind=4.0), make_task("slung_load", {"drag": 0.5, "drag_spread": 0.5}, "")],
+)
+def test_a_vehicle_that_keeps_its_state_goes_on_from_a_memory_bit_by_bit(vehicle):
+    settings, about = WorldSettings(action_noise=0.1, sensor_noise=(0.01,)), vehicle.description
+
+    def world(seed):
+        return make_world(vehicle.fresh(), settings, np.random.default_rng(seed))
+
+    def fly(there, steps):
+        return [there.move(0, k % 3).state for k in range(steps)]
+
+    one, other = world(1), world(2)
+    one.begin(0)
+    fly(one, 7)
+    memory = one.memory()
+    other.recall(memory)
+    np.testing.assert_array_equal(fly(one, 7), fly(other, 7))
+    np.testing.assert_array_equal(one.begin(1).state, other.begin(1).state)
+    for wrong in ({"seed": -1}, {"flown": np.array([[about.n_actions, 0.0]])},
+                  {"flown": np.array([[0.0, np.nan]])}, {"state": np.zeros(3)}):  # fmt: skip
+        with pytest.raises(InputError, match="allowed"):
+            other.recall(replace(memory, **wrong))
+
+
 # ------------------------------------------------------------------ what it earns
 
 

@@ -184,7 +184,7 @@ def test_policies_are_judged_on_it():
     [
         ({"delay": -0.1}, "delay is -0.1"),
         ({"delay": 0.4}, "delay is 0.4"),
-        ({"delay": 0.2, "delay_spread": 0.6}, "delay, where episodes differ"),
+        ({"delay": 0.2, "delay_spread": 0.6}, "delay with its spread"),
         ({"lag": float("nan")}, "lag is nan"),
         ({"drag": -1.0}, "drag is -1.0"),
         ({"drag": 9.0}, "drag is 9.0"),

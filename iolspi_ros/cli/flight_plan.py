@@ -113,7 +113,7 @@ class FlightPlan(NamedTuple):
         from msg_bridge.mavlink.profiles import IDEAL, PROFILES
 
         answer = PROFILES[self.autopilot].answer
-        able = {"as_flown"} <= set(dir(TASKS[self.task]))
+        able = hasattr(TASKS[self.task], "as_flown")
         if self.practise_on == "ideal" or answer == IDEAL or not able:
             return {}
         found = {name: getattr(answer, name) * _MOST / 2.0 for name in _SLUGGISH}

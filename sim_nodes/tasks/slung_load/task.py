@@ -133,7 +133,7 @@ class SlungLoad(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         longest = self.delay * (1.0 + self.delay_spread)
-        check_range("delay, where episodes differ (+1),", longest, 0.0, LATEST)
+        check_range("delay with its spread", longest, 0.0, LATEST)
 
     def as_flown(self) -> AsFlown | None:
         """The same with a vehicle that answers late or is braked by the air; None for T's own."""
