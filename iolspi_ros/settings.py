@@ -62,7 +62,8 @@ def check_field(field: dataclasses.Field[Any], value: Any) -> None:
     if not _endless(field.default):
         for number in numbers:
             if isinstance(number, float) and not math.isfinite(number):
-                raise InputError(f"{field.name} is {value!r}; allowed: finite numbers")
+                what = f"{rule['description']}: " if "description" in rule else ""
+                raise InputError(f"{what}{field.name} is {value!r}; allowed: finite numbers")
     if low is None and high is None:
         return
     for number in numbers:

@@ -113,7 +113,7 @@ HALL = "slung_load_3d"
         (HALL, {"bridge": ["basket=[2.0, 0.0, 1.0]"]}, "that is practised on \\(0.0, 0.0, 1.0\\)"),
         (HALL, {"bridge": ["basket=[2.0, 0.0, -1.0]"]}, "inside the ground"),
         (HALL, {"bridge": ["height=9.0"]}, "height is 9 m; allowed: within heights"),
-        (HALL, {"bridge": ["origin=[.nan, 0.0]"]}, "origin .* two finite numbers"),
+        (HALL, {"bridge": ["origin=[.nan, 0.0]"]}, "origin is .* finite numbers"),
         (HALL, {"bridge": ["cable=1.2"]}, "cable of the bridge is 1.2"),
     ],
 )
