@@ -68,7 +68,7 @@ class Run:
     faults : str
         What the relay did, in words.
     full, complaints : int
-        How often the learner's disk was full, and how often the learner said so meanwhile.
+        How often the learner's disk was full for `FULL`, and how often it said so meanwhile.
     last_error : float
         When the learner last said that something is wrong [s], of wall time.
     """
@@ -150,6 +150,8 @@ class Harm:
         """Do what is due."""
         if self._full_since:
             if now > self._full_since + FULL:
+                self._run.full += 1
+                self._run.complaints += self._run.last_error > self._full_since
                 self.stop()
         elif now > self._next and self._learner_heard:
             self._do(self._rng.choice((*KILLED, DISK)), now)
@@ -173,8 +175,6 @@ class Harm:
         """Let the learner write again."""
         if self._full_since:
             self._nodes.limit_files("learner", None)
-            self._run.full += 1
-            self._run.complaints += self._run.last_error > self._full_since
             self._full_since, self._next = 0.0, time.monotonic() + self._every
 
 
