@@ -265,8 +265,9 @@ class StatefulWorld(World):
         InputError
             When it is of another vehicle, or no memory.
         """
-        n_actions, flown = self.task.description.n_actions, memory.flown
-        known = flown.ndim == 2 and flown.shape[1:] == (2,) and np.isfinite(flown).all()
+        about, flown = self.task.description, memory.flown
+        n_actions, steps = about.n_actions, min(memory.step, about.episode_steps)
+        known = flown.shape == (steps, 2) and np.isfinite(flown).all()
         if not known or memory.seed < 0 or not np.isin(flown[:, 0], range(n_actions)).all():
             raise InputError(
                 "what was flown in this episode is not known; allowed: the episode's seed, and "

@@ -224,8 +224,9 @@ def test_a_vehicle_that_keeps_its_state_goes_on_from_a_memory_bit_by_bit(vehicle
     other.recall(memory)
     np.testing.assert_array_equal(fly(one, 7), fly(other, 7))
     np.testing.assert_array_equal(one.begin(1).state, other.begin(1).state)
-    for wrong in ({"seed": -1}, {"flown": np.array([[about.n_actions, 0.0]])},
-                  {"flown": np.array([[0.0, np.nan]])}, {"state": np.zeros(3)}):  # fmt: skip
+    for wrong in ({"seed": -1}, {"flown": memory.flown + np.array([about.n_actions, 0.0])},
+                  {"flown": memory.flown + np.array([0.0, np.nan])}, {"flown": memory.flown[:-1]},
+                  {"state": np.zeros(3)}):  # fmt: skip
         with pytest.raises(InputError, match="allowed"):
             other.recall(replace(memory, **wrong))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from iolspi_ros.bench.public import CHALLENGES, SETTINGS, Challenge, Judge, Reached, told
 from iolspi_ros.bench.rows import Row
-from iolspi_ros.errors import InputError
+from iolspi_ros.experiments.deep import library
 
 _WIDE: Mapping[str, Any] = {"net_arch": [256, 256]}
 _LONG: Mapping[str, Any] = {
@@ -54,7 +54,7 @@ def rows(seeds: int, show: Callable[[int], None]) -> list[Row]:
     InputError
         When the library is not installed.
     """
-    _library()
+    library()
     found: list[Row] = []
     for number, challenge in enumerate(CHALLENGES):
         reached = []
@@ -65,21 +65,13 @@ def rows(seeds: int, show: Callable[[int], None]) -> list[Row]:
     return found
 
 
-def reach(challenge: Challenge, seed: int, most: int = 0) -> Reached:
-    """Learn until the threshold, as `public.reach`, or for as long as its settings say.
-
-    Parameters
-    ----------
-    challenge : Challenge
-    seed : int
-    most : int
-        Steps after which to give up earlier; 0 for those of its settings.
-    """
+def reach(challenge: Challenge, seed: int) -> Reached:
+    """Learn until the threshold, as `public.reach`, or for as long as its settings say."""
     import gymnasium
 
-    library = _library()
+    baselines = library()
     name, steps, settings = TUNED[challenge.id]
-    model = getattr(library, name)(
+    model = getattr(baselines, name)(
         "MlpPolicy", gymnasium.make(challenge.id), seed=seed, device="cpu", **settings
     )
     from stable_baselines3.common.callbacks import BaseCallback
@@ -92,7 +84,7 @@ def reach(challenge: Challenge, seed: int, most: int = 0) -> Reached:
         def _on_step(self) -> bool:
             self.due -= 1
             if self.due > 0:
-                return not most or self.num_timesteps < most
+                return True
             self.due = SETTINGS.update_interval
             if judge.reached():
                 self.found = float(self.num_timesteps)
@@ -122,16 +114,3 @@ def _mean(challenge: Challenge, model: Any, episodes: int) -> float:
     for copy in copies:
         copy.close()
     return float(scores.mean())
-
-
-def _library() -> Any:
-    try:
-        import gymnasium  # noqa: F401
-        import stable_baselines3
-        import torch
-    except ImportError as error:
-        raise InputError(
-            f"deep needs {error.name}; allowed: install the package's extra 'deep'"
-        ) from None
-    torch.set_num_threads(1)
-    return stable_baselines3

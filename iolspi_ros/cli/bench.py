@@ -61,7 +61,7 @@ def bench(
     On two cores and with 20 seeds `learner` takes about 40 minutes, `safety` 30, `speed` 5,
     `scale` and `bridge` 10. `public` flies well-known environments (the extra gymnasium), an hour;
     so does `interventions`, which has an expert take over from the learner. `deep` flies the same
-    environments as `public` with a library's DQN and SAC (the extra deep), 15 minutes a seed.
+    environments as `public` with a library's DQN and SAC (the extra deep), six minutes a seed.
 
     `bridge --real URL` flies a simulator of an autopilot instead: whole flights of `iolspi fly`,
     then bridges that are killed in reckless episodes. At real time that is half an hour.

@@ -44,31 +44,36 @@ def settings(task: TaskDescription) -> DeepSettings:
     InputError
         When the library is not installed.
     """
-    _library()
+    library()
     if not np.isfinite([*task.low, *task.high]).all():
         raise InputError(f"dqn needs limits of every variable; allowed: a task other than "
                          f"{task.name}, or a learner that needs none, such as iolspi")  # fmt: skip
     return DeepSettings()
 
 
-def _library() -> Any:
+def library() -> Any:
+    """Stable-Baselines3, which computes with one thread.
+
+    Raises
+    ------
+    InputError
+        When it is not installed.
+    """
     try:
         import gymnasium  # noqa: F401
         import stable_baselines3
+        import torch
     except ImportError as error:
         raise InputError(
-            f"dqn needs {error.name}; allowed: install the package's extra 'deep', or leave it "
-            "out of --learners"
+            f"dqn needs {error.name}; allowed: install the package's extra 'deep', or leave it out"
         ) from None
+    torch.set_num_threads(1)
     return stable_baselines3
 
 
 def learn(setting: Life, seed: int) -> Mapping[str, Any]:
     """One realisation; what is returned is as of `life.learn`."""
-    library = _library()
-    import torch
-
-    torch.set_num_threads(1)
+    baselines = library()
     s, about = setting.settings, setting.task.description
     world = World(setting.task, setting.world, np.random.default_rng([seed, 0]))
     scale = _largest_reward(setting.task, seed)
@@ -80,7 +85,7 @@ def learn(setting: Life, seed: int) -> Mapping[str, Any]:
     record = Record(setting, lambda: policy)
     environment = _environment(world, record, scale)
     steps = round(setting.seconds / about.sampling_time)
-    model = library.DQN(
+    model = baselines.DQN(
         "MlpPolicy", environment, learning_rate=s.learning_rate, buffer_size=s.buffer_size,
         learning_starts=s.learning_starts, train_freq=s.train_interval, gamma=about.gamma,
         target_update_interval=s.target_interval, exploration_fraction=s.exploration,
