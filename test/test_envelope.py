@@ -9,6 +9,7 @@ from motions import moved, moving
 
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.envelope import Limits, limit, starts, violation, widened
+from msg_bridge.mavlink.motion import Creep
 
 LIMITS = Limits(braking=2.0)
 DT = 0.02
@@ -195,10 +196,12 @@ def test_a_box_has_its_least_ends_first(box):
 
 
 @pytest.mark.parametrize(
-    ("noise", "margin"), [(0.0, 0.3), (0.05, 0.45), (0.1, 0.6), (0.2, 0.9), (9.0, 1.0)]
-)
-def test_the_margin_to_the_walls_grows_with_the_noise_of_the_position(noise, margin):
-    limits = widened(LIMITS, noise)
+    ("noise", "speed_noise", "margin"),
+    [(0.0, 0.0, 0.3), (0.05, 0.0, 0.45), (0.2, 0.0, 0.9), (0.0, 0.2, 0.9), (0.3, 0.4, 1.5),
+     (0.12, 0.16, 0.9), (9.0, 0.0, 1.5)],
+)  # fmt: skip
+def test_the_margin_to_the_walls_grows_with_what_is_wrong(noise, speed_noise, margin):
+    limits = widened(LIMITS, noise, speed_noise)
     assert limits.margin == pytest.approx(margin)
     low, high = starts(limits)
     for x in (low, high):  # who is at rest there is left alone
@@ -208,7 +211,7 @@ def test_the_margin_to_the_walls_grows_with_the_noise_of_the_position(noise, mar
 
 
 def test_a_margin_that_was_chosen_is_never_made_smaller():
-    assert widened(Limits(margin=1.2), 0.2).margin == 1.2
+    assert widened(Limits(margin=1.7), 0.2, 0.3).margin == 1.7
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -217,6 +220,58 @@ def test_it_comes_to_rest_by_the_margin_further_from_the_wall(side):
     last = list(fly(lambda t, _: side * 3.0, -2.0, limits, seconds=30.0))[-1][0]
     end = limits.box[1] if side > 0.0 else limits.box[0]
     assert 0.9 <= side * (end - last.x) + 0.05 < 2.1
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.floats(-0.5, 0.5), st.lists(st.sampled_from([-3.0, 0.0, 3.0]), min_size=200, max_size=200),
+    st.sampled_from([0.3, 1.0]), st.floats(1.0, 12.0),
+)  # fmt: skip
+def test_a_speed_that_is_wrong_takes_nobody_out_whoever_dies_and_when(wrong, actions, hold, end):
+    """Then its own position hold goes by the wrong speed, too, with PX4's gain of 0.95 1/s."""
+    limits = widened(replace(LIMITS, held=0.5, leaning=0.3), 0.0, abs(wrong) / 3.0)
+    x, speed, acceleration, before, creep, stays = -1.75, 0.0, 0.0, 0.0, Creep(), None
+    for k in range(round((end + 15.0) / DT)):
+        now, told = k * DT, speed - wrong
+        behind = creep.see(x, told, DT)
+        if now < end:
+            seen, wanted = moving(x=x, speed=told, height=5.0), actions[int(now / hold) % 200]
+            before = limit(limits, wanted, seen, before, DT, creep=behind).acceleration
+        if now < end + limits.held + 0.5 * limits.leaning:  # its lag does the rest
+            acceleration += (before * (now < end + limits.held) - acceleration) * DT / 0.15
+        elif stays is None and abs(told) > 0.05:
+            acceleration = -math.copysign(limits.braking, told)
+        else:
+            stays = x if stays is None else stays
+            acceleration = 3.0 * (0.95 * (stays - x) - told)
+        speed += acceleration * DT
+        x += speed * DT
+        assert limits.box[0] <= x <= limits.box[1]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_creeps_to_a_wall_without_telling_a_speed_is_held_up_before_the_margin(side):
+    x, speed, before, creep = -1.75, side * 0.5, 0.0, Creep()
+    for _ in range(2000):
+        behind = creep.see(x, speed - side * 0.5, DT)
+        seen = moving(x=x, speed=speed - side * 0.5, height=5.0)
+        before = limit(LIMITS, 0.0, seen, before, DT, creep=behind).acceleration
+        speed += before * DT
+        x += speed * DT
+        beyond = max(LIMITS.box[0] - x, x - LIMITS.box[1]) + LIMITS.margin
+        assert beyond < 0.01
+
+
+@pytest.mark.parametrize("wrong", [-0.4, 0.0, 0.3])
+def test_creeping_is_how_much_faster_a_position_changes_than_is_told(wrong):
+    creep, found = Creep(), 0.0
+    for k in range(500):
+        t = k * DT
+        found = creep.see(2.0 * math.sin(t) + wrong * t, 2.0 * math.cos(t), DT)
+    assert found == pytest.approx(wrong, abs=0.05)
+    assert creep.see(50.0, 0.0, DT) == 0.0  # a jump is none
+    assert creep.see(50.1, 0.0, DT) == pytest.approx(0.1, abs=0.01)
+    assert creep.see(7.0, 1.0, 60.0) == 0.0  # and after a silence it begins anew
 
 
 # ------------------------------------------------------------ two axes

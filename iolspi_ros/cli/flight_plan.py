@@ -142,7 +142,8 @@ class FlightPlan(NamedTuple):
         from msg_bridge.mavlink.profiles import PROFILES
 
         _, flight = self.settings()
-        limits = widened(self._of(Limits), PROFILES[self.autopilot].noise)
+        profile = PROFILES[self.autopilot]
+        limits = widened(self._of(Limits), profile.noise, profile.speed_noise)
         task = self._of(TASKS[self.task])
         check_room(flown(task, flight), flight, limits)
         model = from_mapping(

@@ -18,8 +18,9 @@ from sim_nodes.tasks.base import G
 from sim_nodes.tasks.slung_load import SlungLoad
 
 _BEYOND = 0.3  # the box, so far, is no violation yet [m]
-_NOISES = 3.0  # deviations of the position that the margin grows by
-_MOST = 1.0  # it grows to [m]
+_NOISES = 3.0  # deviations of where it is held that the margin grows by
+_MOST = 1.5  # it grows to [m]
+_HOLD = 1.0  # how far aside a position is held for each m/s that the speed is wrong [s]
 _REST = 0.1  # beyond the margin, where a vehicle at rest is left alone [m]
 _SWING_SHARE = 0.6  # of the greatest angle, that pumping may reach: braking at the box adds to it
 
@@ -49,7 +50,7 @@ class Limits(Settings):
     jerk: float = setting(80.0, "greatest change of acceleration [m/s^3]", low=1.0, high=1e4)
     margin: float = setting(
         0.3, "left between the walls and where it comes to rest [m], without noise; with noise of "
-        "the position up to 1.0", low=0.0, high=5.0,
+        "position and speed up to 1.5", low=0.0, high=5.0,
     )  # fmt: skip
     response: float = setting(
         0.4, "how late an acceleration follows its setpoint [s]", low=0.01, high=5.0
@@ -86,9 +87,19 @@ class Limits(Settings):
         return tuple(zip(self.box[::2], self.box[1::2], strict=False))
 
 
-def widened(limits: Limits, noise: float) -> Limits:
-    """Limits with more room to the walls, as the standard deviation of the position asks [m]."""
-    margin = limits.margin + _NOISES * noise
+def widened(limits: Limits, noise: float, speed_noise: float) -> Limits:
+    """Limits with more room to the walls, as what is wrong with the autopilot's estimate asks.
+
+    Who holds a position by a speed that is wrong holds it aside: with the usual gain of 1/s, of PX4
+    (MPC_XY_P 0.95) as of ArduPilot (PSC_POSXY_P 1), by a metre for each m/s.
+
+    Parameters
+    ----------
+    limits : Limits
+    noise, speed_noise : float
+        Standard deviations of position [m] and speed [m/s].
+    """
+    margin = limits.margin + _NOISES * math.hypot(noise, _HOLD * speed_noise)
     return replace(limits, margin=max(limits.margin, min(margin, _MOST)))
 
 
@@ -106,8 +117,9 @@ class Limited(NamedTuple):
 
 
 def limit(
-    limits: Limits, wanted: float, motion: Motion, before: float, dt: float, axis: int = 0
-) -> Limited:
+    limits: Limits, wanted: float, motion: Motion, before: float, dt: float, axis: int = 0,
+    creep: float = 0.0,
+) -> Limited:  # fmt: skip
     """Acceleration along an axis that keeps the vehicle inside.
 
     Parameters
@@ -122,6 +134,8 @@ def limit(
         Time since that one [s].
     axis : int
         0 along the track, 1 across.
+    creep : float
+        Of the axis, as a `Creep` finds it [m/s].
 
     Returns
     -------
@@ -140,7 +154,7 @@ def limit(
         ("acceleration", -limits.acceleration, limits.acceleration),
         ("swing", *_swing_bounds(limits, motion, axis)),
         ("speed", *_speed_bounds(limits, motion.velocity[axis])),
-        ("box", *_box_bounds(limits, motion, axis)),
+        ("box", *_box_bounds(limits, motion, axis, creep)),
     ):
         allowed = max(low, min(value, high))
         if abs(allowed - value) > 1e-9:
@@ -183,11 +197,16 @@ def _speed_bounds(limits: Limits, speed: float) -> tuple[float, float]:
     return _clip(limits, low), _clip(limits, high)
 
 
-def _box_bounds(limits: Limits, motion: Motion, axis: int) -> tuple[float, float]:
-    """So that the vehicle comes to rest inside the box, whoever stops sending, and when."""
+def _box_bounds(
+    limits: Limits, motion: Motion, axis: int, creep: float
+) -> tuple[float, float]:  # fmt: skip
+    """So that the vehicle comes to rest inside the box, whoever stops sending, and when.
+
+    Of the speed that is told and that with which the position moves, the worse for each wall.
+    """
     (low, high), place, speed = limits.sides[axis], motion.place[axis], motion.velocity[axis]
-    upper = _stopping_bound(limits, high - limits.margin - place, speed)
-    lower = -_stopping_bound(limits, place - low - limits.margin, -speed)
+    upper = _stopping_bound(limits, high - limits.margin - place, speed + max(creep, 0.0))
+    lower = -_stopping_bound(limits, place - low - limits.margin, -speed - min(creep, 0.0))
     return lower, upper
 
 
@@ -211,7 +230,9 @@ def _stopping_bound(limits: Limits, room: float, speed: float) -> float:
     return _clip(limits, (-linear + math.sqrt(discriminant)) / (2.0 * square))
 
 
-def stick_bounds(limits: Limits, motion: Motion, axis: int = 0) -> tuple[float, float]:
+def stick_bounds(
+    limits: Limits, motion: Motion, axis: int = 0, creep: float = 0.0
+) -> tuple[float, float]:
     """Least and greatest velocity [m/s] from which the vehicle comes to rest inside the box."""
     (low, high), place = limits.sides[axis], motion.place[axis]
     way, b = max(limits.response, limits.held) + limits.leaning, limits.braking
@@ -219,7 +240,8 @@ def stick_bounds(limits: Limits, motion: Motion, axis: int = 0) -> tuple[float, 
     def towards(room: float) -> float:  # v (τ + T) + v²/(2 b) = room
         return -b * way + math.sqrt((b * way) ** 2 + 2.0 * b * max(room, 0.0))
 
-    return -towards(place - low - limits.margin), towards(high - limits.margin - place)
+    slow, fast = towards(place - low - limits.margin), towards(high - limits.margin - place)
+    return -slow - min(creep, 0.0), fast - max(creep, 0.0)
 
 
 def _swing_bounds(limits: Limits, motion: Motion, axis: int) -> tuple[float, float]:

@@ -85,7 +85,7 @@ class Flight:
             leaning=max(limits.leaning, profile.leaning),
             braking=min(limits.braking, profile.stopping) / sqrt(known.axes),
         )
-        check_room(known, settings, widened(limits, profile.noise))
+        check_room(known, settings, widened(limits, profile.noise, profile.speed_noise))
         self.limits, self.timeouts = limits, timeouts
         self.rate = settings.rate
         self._outputs = outputs
@@ -428,8 +428,8 @@ class Flight:
         self._guidance.rest()
 
     def _widen(self) -> None:
-        """Leave as much room to the walls as the noise of the position asks for."""
-        self._guidance.limits = widened(self.limits, self._noise[0])
+        """Leave as much room to the walls as the noise asks for."""
+        self._guidance.limits = widened(self.limits, *self._noise)
         limits = self._guidance.limits
         self._machine.starts = tuple(starts(limits, axis) for axis in range(limits.axes))
 

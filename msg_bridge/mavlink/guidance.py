@@ -13,7 +13,7 @@ from msg_bridge.mavlink.arbiter import Authority
 from msg_bridge.mavlink.envelope import Limits, limit, stick_bounds
 from msg_bridge.mavlink.estimator import StateEstimator
 from msg_bridge.mavlink.flown import FlownTask
-from msg_bridge.mavlink.motion import Motion, Vector
+from msg_bridge.mavlink.motion import Creep, Motion, Vector
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.profiles import AutopilotProfile
 from msg_bridge.mavlink.setpoints import (
@@ -64,6 +64,7 @@ class Guidance:
         self._choices = np.array([a.value for a in task.description.actions[: task.release]])
         self._transits = [Transit(limits.cable, limits.response) for _ in self._axes]
         self._integrals = [Integral() for _ in self._axes]
+        self._creeps, self._creep = [Creep() for _ in self._axes], [0.0 for _ in self._axes]
         self._anchor: Vector | None = None
         self._before, self._resting = np.zeros(task.axes), False
         self.applied = task.description.neutral
@@ -109,13 +110,15 @@ class Guidance:
         dt : float
             Since the last setpoint [s].
         """
+        for axis, law in enumerate(self._creeps):
+            self._creep[axis] = law.see(motion.place[axis], motion.velocity[axis], dt)
         if authority in (Authority.NOBODY, Authority.LAND):
             return None
         if authority is Authority.PILOT:
             self._anchor = None
             speeds = []
             for axis in self._axes:
-                slow, fast = stick_bounds(self.limits, motion, axis)
+                slow, fast = stick_bounds(self.limits, motion, axis, self._creep[axis])
                 speeds.append(max(slow, min(stick[axis] * _STICK_SPEED, fast)))
             return self._velocity(speeds, motion, target)
         if authority is Authority.OTHER:
@@ -184,8 +187,9 @@ class Guidance:
         pushes, applied = wanted.copy(), wanted.copy()
         for axis in self._axes:
             limited = limit(
-                self.limits, float(wanted[axis]), m, float(self._before[axis]), dt, axis
-            )
+                self.limits, float(wanted[axis]), m, float(self._before[axis]), dt, axis,
+                self._creep[axis],
+            )  # fmt: skip
             pushes[axis] = limited.acceleration
             if reasons := [reason for reason in limited.reasons if reason != "jerk"]:
                 self.interventions.update(reasons)

@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 Vector = tuple[float, float, float]
 
+_AVERAGED = 1.0  # over which creeping is looked at [s]
+_JUMP = 1.0  # a position so far from where it was followed to has jumped [m]
+
 
 class Plane(NamedTuple):
     """What moves in the vertical plane of one axis.
@@ -78,3 +81,31 @@ class Motion(NamedTuple):
         turning = self.cable_rate[axis] * down + out * self.cable_rate[2]
         rate = turning / max(out * out + down * down, 1e-9)
         return Plane(self.place[axis], self.velocity[axis], math.atan2(out, down), rate)
+
+
+class Creep:
+    """How much faster a position changes than by the speed that is told with it.
+
+    An observer of first order: it follows the position by the speed told, with `_AVERAGED`, and
+    what it lags behind is the difference, averaged over that time.
+    """
+
+    def __init__(self) -> None:
+        self._followed = math.nan
+
+    def see(self, place: float, speed: float, dt: float) -> float:
+        """Take what is told now; the difference [m/s].
+
+        Parameters
+        ----------
+        place, speed : float
+            Along one axis [m], [m/s].
+        dt : float
+            Since what was told before [s]; after a long time, or a jump, it begins anew.
+        """
+        if 0.0 <= dt < _AVERAGED:
+            self._followed += (speed + (place - self._followed) / _AVERAGED) * dt
+            if abs(place - self._followed) < _JUMP:
+                return (place - self._followed) / _AVERAGED
+        self._followed = place
+        return 0.0
