@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from iolspi_ros.core.qlearning import fly, greedy, initial, learn, optimal_values
 from iolspi_ros.experiments import slung_grid_demonstrations
+from iolspi_ros.methods.tabular import fly, greedy, initial, learn, optimal_values
 from sim_nodes.tasks.slung_grid import SlungGrid
 
 GRID = SlungGrid()

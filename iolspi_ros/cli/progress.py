@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 if TYPE_CHECKING:
-    from iolspi_ros.core.reference import NearOptimal
+    from iolspi_ros.methods.near_optimal import NearOptimal
     from sim_nodes.tasks.base import Task
 
 APART = 0.1

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from iolspi_ros import __version__
 from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.lspi import greedy
-from iolspi_ros.core.reference import Grid, NearOptimal, Progress, near_optimal
 from iolspi_ros.core.shield import Shield
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache
 from iolspi_ros.experiments.compiled import CompiledTask, fly_greedily
 from iolspi_ros.experiments.history import EpisodeRecord
 from iolspi_ros.experiments.together import fly_together
+from iolspi_ros.methods.near_optimal import Grid, NearOptimal, Progress, near_optimal
 from iolspi_ros.task import TaskDescription
 from sim_nodes.tasks.base import Compiled, Judging, Reference, Stateful, Task
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from iolspi_ros import resources
 from iolspi_ros.core.learner import Source, Update, greedy_policy, update
 from iolspi_ros.core.online import OnlineLSPI
-from iolspi_ros.core.reference import NearOptimal
 from iolspi_ros.core.samples import Transition
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy
 from iolspi_ros.experiments.headless import Listener, make_learner, train
 from iolspi_ros.experiments.samplesets import NOTHING, samples
+from iolspi_ros.methods.near_optimal import NearOptimal
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.tasks.slung_load.dynamics import Outcome
 from sim_nodes.world import World, WorldSettings

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.qlearning import Learned, greedy, initial, learn, optimal
 from iolspi_ros.experiments.slung_grid_demonstrations import demonstrate
+from iolspi_ros.methods.tabular import Learned, greedy, initial, learn, optimal
 from sim_nodes.tasks.slung_grid import SlungGrid
 
 Array = NDArray[np.float64]

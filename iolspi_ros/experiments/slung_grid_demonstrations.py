@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iolspi_ros.core.qlearning import Episode, fly
+from iolspi_ros.methods.tabular import Episode, fly
 from sim_nodes.tasks.slung_grid import PENALTY, SlungGrid
 
 FLIGHTS = 5

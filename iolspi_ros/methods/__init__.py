@@ -1,1 +1,1 @@
-"""The literature's other learners (T chapters 3 and 4), behind the same protocol as IOLSPI."""
+"""The literature's other learners (T chapters 3 to 5), and the baseline of all: near-optimal."""

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from iolspi_ros.core.basis import Basis
 from iolspi_ros.core.features import RBFGrid
 from iolspi_ros.core.learner import Proceed, Source
-from iolspi_ros.core.reference import Grid, near_optimal
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.methods.base import Sampled, SampledSettings
 from iolspi_ros.methods.local_model import LocalModel
+from iolspi_ros.methods.near_optimal import Grid, near_optimal
 from iolspi_ros.methods.value_iteration import FEW
 from iolspi_ros.settings import setting
 from iolspi_ros.task import TaskDescription

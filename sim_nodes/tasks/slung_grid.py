@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.compiling import cached_njit
-from iolspi_ros.core.qlearning import FiniteTask
+from iolspi_ros.task.finite import FiniteTask
 
 Array = NDArray[np.float64]
 

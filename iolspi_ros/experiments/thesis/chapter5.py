@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from iolspi_ros.core.qlearning import optimal
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.slung_grid import (
     CUTOFFS,
@@ -26,6 +25,7 @@ from iolspi_ros.experiments.statistics import interval
 from iolspi_ros.experiments.thesis import drawing
 from iolspi_ros.experiments.thesis.chapter5_claims import CLAIMS
 from iolspi_ros.experiments.thesis.study import Rows, Study
+from iolspi_ros.methods.tabular import optimal
 from sim_nodes.tasks.slung_grid import SlungGrid
 
 Array = NDArray[np.float64]

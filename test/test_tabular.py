@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iolspi_ros.core.qlearning import (
+from iolspi_ros.errors import InputError
+from iolspi_ros.methods.tabular import (
     Episode,
     FiniteTask,
     fly,
@@ -12,7 +13,6 @@ from iolspi_ros.core.qlearning import (
     learn,
     optimal_values,
 )
-from iolspi_ros.errors import InputError
 
 LEFT, RIGHT = 0, 1
 

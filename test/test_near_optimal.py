@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from iolspi_ros import resources
-from iolspi_ros.core.reference import Grid, NearOptimal, near_optimal
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments import cache, evaluate
 from iolspi_ros.experiments.evaluate import near_optimal_policy
+from iolspi_ros.methods.near_optimal import Grid, NearOptimal, near_optimal
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad
 
