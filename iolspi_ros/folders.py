@@ -42,17 +42,35 @@ def new_folder(out: Path) -> Path:
         ) from error
 
 
-def _claimed(out: Path) -> Path:
-    out.mkdir(parents=True, exist_ok=True)
-    others = InputError(
+def check_free(out: Path) -> None:
+    """Raise where `new_folder` will, before a long way there; nothing is made.
+
+    Raises
+    ------
+    InputError
+        When the place holds something, or is none.
+    """
+    if out in SERIES or not out.exists():
+        return
+    if not out.is_dir():
+        raise InputError(f"--out {out} cannot be made: it is a file; allowed: a folder")
+    if any(out.iterdir()):
+        raise _others(out)
+
+
+def _others(out: Path) -> InputError:
+    return InputError(
         f"--out {out} holds other files; allowed: a folder that is empty or not there yet"
     )
-    if any(out.iterdir()):
-        raise others
+
+
+def _claimed(out: Path) -> Path:
+    check_free(out)
+    out.mkdir(parents=True, exist_ok=True)
     try:
         _sign(out)
     except FileExistsError:  # another command had the same thought
-        raise others from None
+        raise _others(out) from None
     return out
 
 

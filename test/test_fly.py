@@ -82,6 +82,16 @@ def test_the_plan_flies_nothing_and_sends_nothing(places, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_that_is_in_use_is_refused_before_anybody_is_asked(places, tmp_path):
+    (tmp_path / "mine").write_text("kept")
+    with Sitl("px4", ["udpin:127.0.0.1:0"]) as sitl:
+        url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
+        done = fly(places, "--autopilot", "px4", "--url", url, "--out", tmp_path)
+        assert done.returncode == 2
+        assert "holds other files; allowed" in done.stderr
+        assert sitl.autopilot.commander.ground_station_seen < 0.0
+
+
 @pytest.mark.parametrize(
     ("given", "why"),
     [

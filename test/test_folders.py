@@ -9,7 +9,7 @@ import pytest
 
 from iolspi_ros.cli.record import _put_in_place
 from iolspi_ros.errors import InputError
-from iolspi_ros.folders import LATEST, MARK, SERIES, new_folder
+from iolspi_ros.folders import LATEST, MARK, SERIES, check_free, new_folder
 
 
 @pytest.fixture(autouse=True)
@@ -46,8 +46,9 @@ def test_a_place_that_holds_something_is_refused_untouched(tmp_path, name):
     (tmp_path / name).write_text("mine")
     before = content(tmp_path)
     for out in (tmp_path, Path(".")):
-        with pytest.raises(InputError, match="holds other files; allowed"):
-            new_folder(out)
+        for look in (check_free, new_folder):
+            with pytest.raises(InputError, match="holds other files; allowed"):
+                look(out)
     assert content(tmp_path) == before
 
 

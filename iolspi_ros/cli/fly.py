@@ -19,7 +19,7 @@ from iolspi_ros.cli.flight_plan import (
 )
 from iolspi_ros.cli.progress import console, so_far
 from iolspi_ros.errors import InputError
-from iolspi_ros.folders import new_folder
+from iolspi_ros.folders import check_free, new_folder
 
 
 @app.command(epilog="Example: iolspi fly --autopilot embedded --like px4 --speed-up 4")
@@ -97,6 +97,7 @@ def fly(
         for line in describe(wanted):
             console.print(line, markup=False)
         return
+    check_free(out)
     domain = graph.isolate()  # or a refusal, before there is a folder
     console.print(
         f"Flying {wanted.task} on [bold]{wanted.vehicle}[/bold] at {wanted.url}. The graph is in "
