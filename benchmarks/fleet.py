@@ -12,10 +12,10 @@ import time
 from pathlib import Path
 
 from iolspi_ros import graph, resources
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import greedy_policy
 from iolspi_ros.experiments.evaluate import evaluate, near_optimal_policy
 from iolspi_ros.experiments.headless import prepare
+from iolspi_ros.saving import checkpoint
 
 SECONDS, SEEDS, VEHICLES = (6, 9, 12, 18, 27), (0, 1, 2), (1, 3)
 

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from iolspi_ros.core import checkpoint
 from iolspi_ros.graph import isolate
+from iolspi_ros.saving import checkpoint
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 ACTING, DONE = "acting on", "done: "

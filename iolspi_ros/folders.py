@@ -1,12 +1,14 @@
-"""Folders for results: nothing is deleted or overwritten that this run did not make."""
+"""Folders and files: nothing is overwritten that this run did not make, nothing half written."""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from iolspi_ros import __version__
 from iolspi_ros.errors import InputError
@@ -105,3 +107,45 @@ def _point(link: Path, target: str) -> None:
     with suppress(OSError):  # a file system without links has the numbers
         other.symlink_to(target)
         other.replace(link)
+
+
+def state_folder() -> Path:
+    """$XDG_STATE_HOME/iolspi_ros, or that in ~/.local/state (XDG Base Directory Specification)."""
+    given = os.environ.get("XDG_STATE_HOME", "")
+    base = Path(given) if os.path.isabs(given) else Path(os.path.expanduser("~"), ".local", "state")
+    return base / "iolspi_ros"
+
+
+@contextmanager
+def atomic_file(path: Path, ready: Callable[[], None] = lambda: None) -> Iterator[IO[bytes]]:
+    """Write beside `path` and put it in place only when all of it is on disk.
+
+    Parameters
+    ----------
+    path : Path
+    ready : callable
+        Called just before, when all of it is.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with partial.open("w+b") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        ready()
+        partial.replace(path)
+        _sync_folder(path.parent)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the names in a folder on disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:  # not every file system knows that
+        pass
+    finally:
+        os.close(handle)

@@ -41,9 +41,9 @@ def reader(name: str, place: Path) -> tuple[Callable[[bytes], None], list[bytes]
     from iolspi_ros import arguments, bags, resources, task, wire
     from iolspi_ros.bags import survey
     from iolspi_ros.bags.reader import deserialise
-    from iolspi_ros.core import checkpoint
     from iolspi_ros.core.learner import learner_class
     from iolspi_ros.errors import InputError
+    from iolspi_ros.saving import checkpoint
     from msg_bridge.mavlink.codec import Codec
     from msg_bridge.mavlink.telemetry import Telemetry
     from sim_nodes.tasks.pendulum import Pendulum

@@ -8,9 +8,9 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from iolspi_ros import runtime
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import Source
 from iolspi_ros.resources import find
+from iolspi_ros.saving import checkpoint
 
 SLOW = """
 import sys, time

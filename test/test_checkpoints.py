@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from iolspi_ros.cli.saving import saved
-from iolspi_ros.core import checkpoint, keeper
-from iolspi_ros.core.checkpoint import Content, DamagedError
-from iolspi_ros.core.keeper import Keeper, NotSavedError
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition
 from iolspi_ros.errors import InputError
+from iolspi_ros.saving import checkpoint, keeper
+from iolspi_ros.saving.checkpoint import Content, DamagedError
+from iolspi_ros.saving.keeper import Keeper, NotSavedError
 from sim_nodes.tasks.pendulum import Pendulum
 
 SETTINGS = LSPISettings(update_interval=50, centers=(3, 3))

@@ -14,10 +14,10 @@ import pytest
 from iolspi_ros.cli import flight_plan, flight_report
 from iolspi_ros.cli.flight import Flown, Warnings
 from iolspi_ros.cli.flight_plan import describe, make_plan
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import greedy_policy
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import prepare
+from iolspi_ros.saving import checkpoint
 from msg_bridge.mavlink import flown
 from msg_bridge.mavlink.memory import Identity, Memory, Remembered
 from msg_bridge.mavlink.payload import Seen

@@ -14,8 +14,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from iolspi_ros import arguments, bags, task, wire
 from iolspi_ros.bags import Damage, reader, survey
-from iolspi_ros.core import checkpoint
 from iolspi_ros.errors import InputError
+from iolspi_ros.saving import checkpoint
 from iolspi_ros.task import plain
 from sim_nodes.tasks.pendulum import Pendulum
 

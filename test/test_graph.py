@@ -11,12 +11,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import bags, qos, runtime
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
+from iolspi_ros.saving import checkpoint
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.world import World, WorldSettings
 

@@ -11,11 +11,11 @@ from conftest import Peer
 from sensor_msgs.msg import CompressedImage
 
 from iolspi_ros import qos
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import learner_class
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.evaluate import evaluate
 from iolspi_ros.experiments.headless import Listener, make_learner, prepare, train
+from iolspi_ros.saving import checkpoint
 from iolspi_ros.task import dump, load
 from sim_nodes.tasks import task_class
 from sim_nodes.tasks.base import Judging, Stateful

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from std_msgs.msg import Float64MultiArray
 
 from iolspi_ros import qos, wire
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import Source, learner_class
 from iolspi_ros.nodes.unsure import HelpSettings, Unsure, Visits
+from iolspi_ros.saving import checkpoint
 from iolspi_ros.task import Action, TaskDescription, Variable
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.terminal import line_of

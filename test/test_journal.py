@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.nodes import journal
 from iolspi_ros.nodes.journal import NOTHING, Journal, Mark
+from iolspi_ros.saving import checkpoint
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=True, allow_infinity=True)

@@ -23,6 +23,7 @@ ROOMS = {
     "task": ("iolspi_ros.task",),
     "core": ("iolspi_ros.core",),
     "methods": ("iolspi_ros.methods",),
+    "saving": ("iolspi_ros.saving",),
     "files": ("iolspi_ros.arguments", "iolspi_ros.resources"),
     "vehicle": ("sim_nodes.quadrotor",),
     "tasks": ("sim_nodes.tasks", "sim_nodes.pilots", "sim_nodes.world", "sim_nodes.pictures"),
@@ -52,6 +53,7 @@ BELOW = {
     "task": {"ground"},
     "core": {"ground", "task"},
     "methods": {"ground", "task", "core"},
+    "saving": {"ground", "task", "core"},
     "files": {"ground", "task"},
     "vehicle": {"ground"},
     "tasks": {"ground", "task", "core", "vehicle"},
@@ -60,7 +62,7 @@ BELOW = {
     "frames": {"ground"},
     "autopilot": {"ground", "task", "core", "vehicle", "tasks", "frames"},
     "simulator": {"ground", "task", "core", "files", "tasks", "wire", "ros"},
-    "nodes": {"ground", "task", "core", "files", "tasks", "wire", "ros", "simulator"},
+    "nodes": {"ground", "task", "core", "saving", "files", "tasks", "wire", "ros", "simulator"},
     "bridge": {"ground", "task", "core", "files", "tasks", "wire", "ros", "frames"},
     "robot": {"ground", "task", "core", "files", "wire", "ros"},
     "cockpit": {"ground", "task", "core", "files", "wire", "ros"},
@@ -69,8 +71,9 @@ BELOW = {
     "experiments": {"ground", "task", "core", "methods", "files", "tasks", "wire"},
     "report": {"ground", "task", "core", "methods", "files", "tasks", "wire", "experiments"},
 }
-BELOW["bench"] = {"bench", *BELOW["report"], "report", "ros", "frames", "vehicle", "autopilot",
-                  "bridge", "simulator", "nodes", "graph", "robot", "cockpit"}  # fmt: skip
+BELOW["bench"] = {"bench", *BELOW["report"], "report", "saving", "ros", "frames", "vehicle",
+                  "autopilot", "bridge", "simulator", "nodes", "graph", "robot",
+                  "cockpit"}  # fmt: skip
 BELOW["cli"] = {*BELOW["bench"], "bench"}
 
 EXCEPTIONS = {

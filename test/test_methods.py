@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import Source, greedy_policy, learner_class, update
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.errors import InputError
@@ -16,6 +15,7 @@ from iolspi_ros.experiments.samplesets import INDEPENDENT, samples
 from iolspi_ros.methods import local_model
 from iolspi_ros.methods.traits import TRAITS
 from iolspi_ros.methods.value_iteration import parabola_top
+from iolspi_ros.saving import checkpoint
 from iolspi_ros.task import Action, Ending, TaskDescription, Variable
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad

@@ -4,13 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from iolspi_ros.core import checkpoint
 from iolspi_ros.core.learner import Source, update
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.samples import Transition, Transitions
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, train
+from iolspi_ros.saving import checkpoint
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.world import World, WorldSettings
 

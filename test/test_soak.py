@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iolspi_ros.bench import soak
-from iolspi_ros.core import checkpoint
+from iolspi_ros.saving import checkpoint
 
 
 @pytest.mark.slow

@@ -25,8 +25,8 @@ from std_msgs.msg import Float64MultiArray
 from iolspi_ros import graph, qos, resources, runtime, wire
 from iolspi_ros.bench.relay import VEHICLE
 from iolspi_ros.bench.rows import Row, at_most
-from iolspi_ros.core import checkpoint
 from iolspi_ros.errors import InputError
+from iolspi_ros.saving import checkpoint
 from sim_nodes.tasks import task_class
 
 KILL_EVERY = 60.0

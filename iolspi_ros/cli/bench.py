@@ -177,7 +177,7 @@ def _measure(subject: str, seeds: int, plots: Path | None) -> list[Row]:
 
 
 def _write(file: Path, rows: list[Row]) -> None:
-    from iolspi_ros.core.checkpoint import atomic_file
+    from iolspi_ros.folders import atomic_file
 
     with atomic_file(file) as out:
         out.write(json.dumps([asdict(row) for row in rows], indent=1).encode() + b"\n")

@@ -159,7 +159,7 @@ def _threads() -> Iterator[Finding]:
 
 
 def _disk() -> Iterator[Finding]:
-    from iolspi_ros.core.keeper import state_folder
+    from iolspi_ros.folders import state_folder
 
     for what, place in (("here", Path.cwd()), ("cache", resources.cache_folder()),
                         ("state", state_folder())):  # fmt: skip

@@ -231,10 +231,10 @@ def practise(plan: FlightPlan, out: Path) -> FlightPlan:
     others: there practice goes on until it is good, and the best one is flown.
     """
     from iolspi_ros.bags import read_demonstration
-    from iolspi_ros.core import checkpoint
     from iolspi_ros.core.learner import greedy_policy
     from iolspi_ros.experiments.evaluate import evaluate
     from iolspi_ros.experiments.headless import Listener, prepare, train
+    from iolspi_ros.saving import checkpoint
     from sim_nodes.world import make_world
 
     assert plan.bag is not None

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from iolspi_ros.cli.progress import console
-from iolspi_ros.core import checkpoint
-from iolspi_ros.core.keeper import Keeper, Snapshot
 from iolspi_ros.core.learner import Learner, Source, Update, update
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.experiments.headless import Listener
+from iolspi_ros.saving import checkpoint
+from iolspi_ros.saving.keeper import Keeper, Snapshot
 
 UPDATES, SECONDS, KEPT = 10, 10.0, 3
 """How often it is saved while learning, and how many are kept."""

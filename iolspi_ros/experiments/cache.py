@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros import resources
-from iolspi_ros.core.checkpoint import atomic_file
+from iolspi_ros.folders import atomic_file
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from iolspi_ros import __version__
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.cells import Cell, Result
 from iolspi_ros.experiments.versions import describe, libraries
+from iolspi_ros.folders import atomic_file
 
 
 class Store:

@@ -7,9 +7,9 @@ from concurrent.futures import Future
 from typing import Any
 
 from iolspi_ros.beside import beside, finished
-from iolspi_ros.core.keeper import Snapshot
 from iolspi_ros.core.learner import Learner, Update
 from iolspi_ros.core.samples import Transition, Transitions
+from iolspi_ros.saving.keeper import Snapshot
 
 
 class Computing:

@@ -14,8 +14,6 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from iolspi_ros import parameters, qos, runtime
-from iolspi_ros.core import checkpoint
-from iolspi_ros.core.keeper import Snapshot
 from iolspi_ros.core.learner import DEFAULT, Learner, Source, Update, learner_class
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
@@ -30,6 +28,8 @@ from iolspi_ros.nodes.saving import Flight, Saving, SavingSettings, Vehicle
 from iolspi_ros.nodes.unsure import HelpSettings, Visits
 from iolspi_ros.nodes.vehicle_watch import TASK, VehicleWatch
 from iolspi_ros.process import say
+from iolspi_ros.saving import checkpoint
+from iolspi_ros.saving.keeper import Snapshot
 from iolspi_ros.settings import Settings, setting
 from iolspi_ros.task import TaskDescription
 from iolspi_ros.vehicle_topics import TaskListener

@@ -9,12 +9,12 @@ from typing import Any, Protocol
 from rcl_interfaces.msg import SetParametersResult
 
 from iolspi_ros import parameters
-from iolspi_ros.core.checkpoint import Content
-from iolspi_ros.core.keeper import Keeper, Snapshot
 from iolspi_ros.core.samples import Array, Observation
 from iolspi_ros.errors import InputError
 from iolspi_ros.nodes.control_loop import LoopMemory
 from iolspi_ros.nodes.journal import NOTHING, Journal, Mark, begun_from_nothing, read
+from iolspi_ros.saving.checkpoint import Content
+from iolspi_ros.saving.keeper import Keeper, Snapshot
 from iolspi_ros.settings import Settings, setting
 
 

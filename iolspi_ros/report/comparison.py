@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from iolspi_ros import __version__, figures
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.compare import JUMP_CASE, Case
 from iolspi_ros.experiments.results import Store
 from iolspi_ros.experiments.thesis.study import Rows, read_rows, write_rows
 from iolspi_ros.experiments.versions import libraries
+from iolspi_ros.folders import atomic_file
 from iolspi_ros.methods.traits import TRAITS
 from iolspi_ros.report import page
 from iolspi_ros.report.curves import PICTURES, picture

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from iolspi_ros import figures
-from iolspi_ros.core.checkpoint import atomic_file
+from iolspi_ros.folders import atomic_file
 from iolspi_ros.resources import PAINTER
 from sim_nodes.tasks.shapes import Picture
 

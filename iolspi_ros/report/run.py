@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from iolspi_ros import __version__
 from iolspi_ros import task as tasks
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.core.learner import Learner, greedy_policy
 from iolspi_ros.experiments.evaluate import Evaluation, endings, evaluate, succeeded
 from iolspi_ros.experiments.headless import Beside
 from iolspi_ros.experiments.history import EpisodeRecord, History
+from iolspi_ros.folders import atomic_file
 from iolspi_ros.methods.near_optimal import NearOptimal
 from iolspi_ros.report import page, plots
 from iolspi_ros.report.headline import how_good, note

@@ -12,8 +12,7 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from iolspi_ros.core.checkpoint import atomic_file
-from iolspi_ros.core.keeper import state_folder
+from iolspi_ros.folders import atomic_file, state_folder
 from iolspi_ros.resources import cache_folder
 
 _CLOSE = 1e-5  # relative difference that a float of 32 bits may make

@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
+from iolspi_ros.folders import atomic_file
 
 _EPOCH = 1_420_070_400  # 2015-01-01 in Unix time: from where stamps count their 10 µs
 _SECOND = 100_000  # in stamps

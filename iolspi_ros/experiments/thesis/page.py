@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from iolspi_ros import __version__, figures
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.cells import Data
 from iolspi_ros.experiments.thesis.claims import OURS, Claim, Finding, Verdict, shortfall, verdict
 from iolspi_ros.experiments.thesis.study import Rows, Study, read_rows, write_rows
 from iolspi_ros.experiments.versions import libraries
+from iolspi_ros.folders import atomic_file
 
 CLAIMS = "claims.csv"
 _COLUMNS = ("where", "claim", "setting", "realisations", "measured", "verdict", "why")

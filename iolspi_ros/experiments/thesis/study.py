@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
-from iolspi_ros.core.checkpoint import atomic_file
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.cells import Cell, Data
 from iolspi_ros.experiments.thesis.claims import Claim
+from iolspi_ros.folders import atomic_file
 
 Rows: TypeAlias = list[dict[str, Any]]
 """Lines of a table, all with the same keys. Read back from a file, all values are texts."""

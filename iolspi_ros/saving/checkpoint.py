@@ -14,8 +14,7 @@ import math
 import os
 import typing
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -25,6 +24,7 @@ import numpy as np
 from iolspi_ros import task as tasks
 from iolspi_ros.core.learner import Learner
 from iolspi_ros.errors import InputError
+from iolspi_ros.folders import atomic_file
 from iolspi_ros.task import plain
 
 FORMAT = 5
@@ -106,41 +106,6 @@ def load(path: Path, learner: Learner, name: str) -> None:
 
 
 # ---------------------------------------------------------------- writing
-
-
-@contextmanager
-def atomic_file(path: Path, ready: Callable[[], None] = lambda: None) -> Iterator[IO[bytes]]:
-    """Write beside `path` and put it in place only when all of it is on disk.
-
-    Parameters
-    ----------
-    path : Path
-    ready : callable
-        Called just before, when all of it is.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with partial.open("w+b") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        ready()
-        partial.replace(path)
-        _sync_folder(path.parent)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Have the names in a folder on disk."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    except OSError:  # not every file system knows that
-        pass
-    finally:
-        os.close(handle)
 
 
 def write(path: Path, content: Content, ready: Callable[[], None] = lambda: None) -> None:

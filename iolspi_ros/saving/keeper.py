@@ -18,9 +18,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from iolspi_ros.core import checkpoint
-from iolspi_ros.core.checkpoint import Content, DamagedError
 from iolspi_ros.errors import InputError
+from iolspi_ros.folders import state_folder
+from iolspi_ros.saving import checkpoint
+from iolspi_ros.saving.checkpoint import Content, DamagedError
 
 SHARE = 0.05
 """Of the time that writing may take at most; a large learner is saved less often for it."""
@@ -213,13 +214,6 @@ class Keeper:
 def numbered(path: Path, number: int) -> Path:
     """Name of an earlier checkpoint."""
     return path.with_name(f"{path.stem}.{number}{path.suffix}")
-
-
-def state_folder() -> Path:
-    """$XDG_STATE_HOME/iolspi_ros, or that in ~/.local/state (XDG Base Directory Specification)."""
-    given = os.environ.get("XDG_STATE_HOME", "")
-    base = Path(given) if os.path.isabs(given) else Path(os.path.expanduser("~"), ".local", "state")
-    return base / "iolspi_ros"
 
 
 def _given_name(path: Path, other: Path) -> bool:
