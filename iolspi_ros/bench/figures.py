@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from iolspi_ros import figures
 from iolspi_ros.bench.learner import DEADLINE, JUMP, SOURCES, Curves
@@ -52,6 +53,7 @@ def scaling(found: list[Grown]) -> Figure:
             figures.draw(axes, x, y, how, algorithm)
         axes.set_xscale("log")
         axes.set_yscale("log")
+        axes.xaxis.set_minor_formatter(NullFormatter())  # they would overlap
         figures.dress(axes, f"{title}: to the power {', '.join(grown)}", over, "time [s]")
     figures.legend(figure)
     return figure
