@@ -22,6 +22,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import psutil
 from pymavlink import mavutil
@@ -34,7 +35,6 @@ OWN = ("STAT_", "COMPASS_", "INS_", "AHRS_TRIM", "BARO", "ARSPD", "LND_FLIGHT", 
        "FORMAT_VERSION", "GND_ABS", "SR0_", "SR1_", "MOT_THST_HOVER")  # fmt: skip
 """Beginnings of the names of parameters that an autopilot counts or calibrates by itself."""
 PREFLIGHT, AIR = "Preflight:", "learning online"
-CHILDREN = ("nodes.start bridge", "nodes.start learner")
 
 
 class Simulator:
@@ -44,7 +44,9 @@ class Simulator:
         self._command, self._log, self._process = shlex.split(command), log, None
 
     def start(self) -> None:
-        """Run it, with its folder as it was left."""
+        """Run it, with its folder as it was left, where it does not run."""
+        if self._process is not None and self._process.poll() is None:
+            return
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
@@ -131,47 +133,58 @@ def landed(link: mavutil.mavfile, profile: profiles.AutopilotProfile) -> None:
 # ---------------------------------------------------------------- ends
 
 
-def said(process: subprocess.Popen[bytes], log: Path, words: str) -> None:
-    """Wait until a run has printed something, or ended."""
-    end = time.monotonic() + 240.0
-    while time.monotonic() < end and process.poll() is None and words not in log.read_text():
-        time.sleep(0.02)
+class Run(NamedTuple):
+    """One `iolspi fly` that is to end."""
+
+    process: subprocess.Popen[bytes]
+    log: Path
+    moment: float
+    simulator: Simulator
+
+    def wait_for(self, words: str) -> None:
+        """Until some time after it has printed something, or until it has ended."""
+        end = time.monotonic() + 240.0
+        while time.monotonic() < end and self.process.poll() is None:
+            if words in self.log.read_text():
+                break
+            time.sleep(0.02)
+        time.sleep(self.moment)
 
 
-def signalled(number: int, words: str) -> Callable[[subprocess.Popen[bytes], Path, float], None]:
-    """An end by a signal to the command, some time after words of it."""
-
-    def end(process: subprocess.Popen[bytes], log: Path, moment: float) -> None:
-        said(process, log, words)
-        time.sleep(moment)
-        process.send_signal(number)
-
-    return end
-
-
-def kill_child(name: str) -> Callable[[subprocess.Popen[bytes], Path, float], None]:
-    """An end of one node alone, by SIGKILL in flight."""
-
-    def end(process: subprocess.Popen[bytes], log: Path, moment: float) -> None:
-        said(process, log, AIR)
-        time.sleep(moment)
-        for child in psutil.Process(process.pid).children(recursive=True):
-            with contextlib.suppress(psutil.Error):
-                if name in " ".join(child.cmdline()):
-                    child.kill()
-
-    return end
-
-
-def kill_all(process: subprocess.Popen[bytes], log: Path, moment: float) -> None:
-    """Everything of the run at once."""
-    said(process, log, AIR)
-    time.sleep(moment)
-    os.killpg(process.pid, signal.SIGKILL)
-
-
-def by_itself(process: subprocess.Popen[bytes], log: Path, moment: float) -> None:
+def by_itself(run: Run) -> None:
     """As it comes."""
+
+
+def signalled(number: int, words: str) -> Callable[[Run], None]:
+    """By a signal to the command, some time after words of it."""
+
+    def end(run: Run) -> None:
+        run.wait_for(words)
+        run.process.send_signal(number)
+
+    return end
+
+
+def killed(*names: str) -> Callable[[Run], None]:
+    """Some nodes by SIGKILL in flight; without names the command and all of them at once."""
+
+    def end(run: Run) -> None:
+        run.wait_for(AIR)
+        command = psutil.Process(run.process.pid)
+        everybody = [command, *command.children(recursive=True)]
+        for one in everybody:
+            with contextlib.suppress(psutil.Error):
+                words = " ".join(one.cmdline())
+                if not names or any(f"nodes.start {name}" in words for name in names):
+                    one.kill()
+
+    return end
+
+
+def cut_power(run: Run) -> None:
+    """The autopilot's."""
+    run.wait_for(AIR)
+    run.simulator.end()
 
 
 ENDS = {
@@ -184,10 +197,10 @@ ENDS = {
     "SIGTERM in flight": signalled(signal.SIGTERM, AIR),
     "SIGHUP in flight": signalled(signal.SIGHUP, AIR),
     "SIGKILL of the command in flight": signalled(signal.SIGKILL, AIR),
-    "SIGKILL of the bridge in flight": kill_child(CHILDREN[0]),
-    "SIGKILL of the learner in flight": kill_child(CHILDREN[1]),
-    "SIGKILL of everything in flight": kill_all,
-    "the autopilot ends in flight": by_itself,
+    "SIGKILL of the bridge in flight": killed("bridge"),
+    "SIGKILL of the learner in flight": killed("learner"),
+    "SIGKILL of everything in flight": killed(),
+    "the autopilot ends in flight": cut_power,
 }
 OPTIONS = {
     "refused: no load is reported": {"--load": "feed"},
@@ -211,11 +224,7 @@ def fly(
             start_new_session=True,
         )  # fmt: skip
     try:
-        if name == "the autopilot ends in flight":
-            said(process, log, AIR)
-            time.sleep(moment)
-            simulator.end()
-        ENDS[name](process, log, moment)
+        ENDS[name](Run(process, log, moment, simulator))
         return process.wait(600.0)
     finally:
         with contextlib.suppress(ProcessLookupError):
@@ -245,6 +254,8 @@ def main() -> int:
     chosen = parser.parse_args()
     if not chosen.it_is_a_simulator:
         parser.error("it arms, flies and ends what is there: --it-is-a-simulator says it may")
+    if chosen.out.exists():
+        parser.error(f"--out {chosen.out} is there; allowed: a folder that is not there yet")
     chosen.out.mkdir(parents=True)
     profile, rng = profiles.PROFILES[chosen.autopilot], random.Random(chosen.seed)
     simulator = Simulator(chosen.start, chosen.out / "simulator.log")
@@ -258,8 +269,7 @@ def main() -> int:
         for number in range(chosen.ends):
             name = list(ENDS)[number % len(ENDS)]
             status = fly(name, chosen, simulator, chosen.out / f"{number}", rng.uniform(0.0, 8.0))
-            if name == "the autopilot ends in flight":
-                simulator.start()
+            simulator.start()
             with met(chosen.url, profile) as link:
                 landed(link, profile)
                 left = _differing(before, parameters(link))
