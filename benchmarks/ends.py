@@ -30,10 +30,8 @@ from pymavlink import mavutil
 from msg_bridge.mavlink import profiles
 
 FLY = [sys.executable, "-m", "iolspi_ros", "fly"]
-OWN = ("STAT_", "COMPASS_", "INS_", "AHRS_TRIM", "BARO", "ARSPD", "LND_FLIGHT", "COM_FLIGHT_UUID",
-       "CAL_", "SENS_", "EKF2_MAGBIAS", "EKF2_MAG_DECL", "MIS_TOTAL", "COMPASS", "SYSID_SW",
-       "FORMAT_VERSION", "GND_ABS", "SR0_", "SR1_", "MOT_THST_HOVER")  # fmt: skip
-"""Beginnings of the names of parameters that an autopilot counts or calibrates by itself."""
+OWN = ("STAT_", "MOT_THST_HOVER", "LND_FLIGHT_T_", "COM_FLIGHT_UUID")
+"""Beginnings of the names of parameters that an autopilot counts or learns in flight."""
 PREFLIGHT, AIR = "Preflight:", "learning online"
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from motions import moved, moving
 
 from iolspi_ros.errors import InputError
-from msg_bridge.mavlink.envelope import Limits, limit, starts, violation, widened
+from msg_bridge.mavlink.envelope import Limits, limit, starts, stick_bounds, violation, widened
 from msg_bridge.mavlink.motion import Creep
 
 LIMITS = Limits(braking=2.0)
@@ -260,6 +260,13 @@ def test_who_creeps_to_a_wall_without_telling_a_speed_is_held_up_before_the_marg
         x += speed * DT
         beyond = max(LIMITS.box[0] - x, x - LIMITS.box[1]) + LIMITS.margin
         assert beyond < 0.01
+
+
+@pytest.mark.parametrize("creep", [-0.4, 0.0, 0.3])
+def test_a_stick_is_slower_to_the_wall_that_is_crept_to_and_as_fast_from_it(creep):
+    slow, fast = stick_bounds(LIMITS, moving(x=-1.0))
+    expected = (slow + 0.4, fast) if creep < 0.0 else (slow, fast - creep)
+    assert stick_bounds(LIMITS, moving(x=-1.0), 0, creep) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("wrong", [-0.4, 0.0, 0.3])

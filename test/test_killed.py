@@ -64,7 +64,8 @@ def test_killed_at_any_moment(tmp_path, like):
 def test_killed_at_many_moments(tmp_path, like, seed):
     found = kills(tmp_path, like, seed, 40)
     inside(found)
-    assert np.abs(found[:, 1]).max() > 1.2  # not just slow: PX4's own was killed at up to 1.3
+    fast = {"px4": 1.2, "ardupilot": 1.5}[like]  # PX4's own was killed at up to 1.3
+    assert np.abs(found[:, 1]).max() > fast
 
 
 # From real simulators: speed at the last setpoint [m/s], its acceleration [m/s²], way to rest [m].

@@ -6,13 +6,13 @@ from hypothesis import strategies as st
 from iolspi_ros.errors import InputError
 from iolspi_ros.methods.tabular import (
     Episode,
-    FiniteTask,
     fly,
     greedy,
     initial,
     learn,
     optimal_values,
 )
+from iolspi_ros.task.finite import FiniteTask
 
 LEFT, RIGHT = 0, 1
 
