@@ -30,7 +30,8 @@ from pymavlink import mavutil
 from msg_bridge.mavlink import profiles
 
 FLY = [sys.executable, "-m", "iolspi_ros", "fly"]
-OWN = ("STAT_", "MOT_THST_HOVER", "LND_FLIGHT_T_", "COM_FLIGHT_UUID")
+OWN = ("STAT_", "MOT_THST_HOVER", "BARO1_GND_PRESS", "BARO2_GND_PRESS", "COMPASS_DEC",
+       "LND_FLIGHT_T_", "COM_FLIGHT_UUID")  # fmt: skip
 """Beginnings of the names of parameters that an autopilot counts or learns in flight."""
 PREFLIGHT, AIR = "Preflight:", "learning online"
 
