@@ -16,6 +16,7 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -36,6 +37,8 @@ LOOK = 0.05
 """Seconds between two looks at what no message brings about: silence, time, a signal."""
 CATCH_UP, MOST_MESSAGES = 0.25, 100
 """Seconds between two looks for what nobody announced; of one topic or service at most."""
+LAST_WORD = 1.0
+"""Seconds at most until what was published last has to be heard, before a publisher goes."""
 GLANCE, MOST_EVENTS = 0.002, 50
 """Seconds without an event after which nodes in one process go on stepping; events at most."""
 RCLError: type[Exception] = rclpy_implementation.RCLError
@@ -131,6 +134,36 @@ def _take_response(client: Any) -> bool:
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """A timer on the machine's steady clock, whatever the graph's clock does; period in s."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+class _Patience:
+    """Seconds that may be waited for last words; comes back as time passes."""
+
+    left, when = 0.0, 0.0
+
+
+def destroy_publishers(node: Node, *publishers: Any) -> None:
+    """Destroy publishers, once whoever listens has what they said.
+
+    What is published just before a publisher goes, or its process ends, is else lost to a reader
+    that is a little late: an episode's end, a vehicle given back, a stick centred.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Theirs.
+    publishers : rclpy.publisher.Publisher
+        For readers that do not answer (theirs may have been killed) `LAST_WORD` seconds are
+        waited, once for all that go at about the same time.
+    """
+    for publisher in publishers:
+        begin = time.monotonic()
+        left = min(LAST_WORD, _Patience.left + begin - _Patience.when)
+        with contextlib.suppress(RCLError, InvalidHandle):
+            publisher.wait_for_all_acked(Duration(seconds=left))
+        _Patience.when = time.monotonic()
+        _Patience.left = max(0.0, left - (_Patience.when - begin))
+        node.destroy_publisher(publisher)
 
 
 class _Asked:
@@ -330,6 +363,7 @@ def _put_away(node: Node, name: str) -> int:
         say(f"{name}: {error}")
         status = 1
     with contextlib.suppress(RCLError):
+        destroy_publishers(node, *node.publishers)
         node.destroy_node()
     return status
 

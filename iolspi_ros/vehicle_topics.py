@@ -136,8 +136,8 @@ class VehicleTopics:
 
     def close(self) -> None:
         """Stop being a vehicle."""
-        for publisher in (self._state_out, self._reward_out, self._task_out):
-            self._node.destroy_publisher(publisher)
+        publishers = self._state_out, self._reward_out, self._task_out
+        runtime.destroy_publishers(self._node, *publishers)
         self._node.destroy_subscription(self._takeover_in)
         self._node.destroy_timer(self._looking)
 

@@ -121,7 +121,7 @@ class Vitals:
     def close(self) -> None:
         """Say nothing more."""
         self._node.destroy_timer(self._timer)
-        self._node.destroy_publisher(self._out)
+        runtime.destroy_publishers(self._node, self._out)
 
 
 def _name(other: Any) -> str:

@@ -10,7 +10,7 @@ from PIL import Image
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from iolspi_ros.errors import InputError
 from sim_nodes.markers import FRAME
@@ -62,5 +62,5 @@ class Camera:
     def close(self) -> None:
         """Show nothing more."""
         if self._out is not None:
-            self._node.destroy_publisher(self._out)
+            runtime.destroy_publishers(self._node, self._out)
         self._out = None

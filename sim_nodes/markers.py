@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.samples import Observation
 from sim_nodes import pictures
 from sim_nodes.tasks.base import Task
@@ -59,7 +59,7 @@ class Markers:
 
     def close(self) -> None:
         """Show nothing more."""
-        self._node.destroy_publisher(self._out)
+        runtime.destroy_publishers(self._node, self._out)
 
 
 def message(shapes: Picture, stamp: int) -> MarkerArray:

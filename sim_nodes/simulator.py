@@ -152,7 +152,7 @@ class Simulator(ManagedNode):
         self._markers.close()
         self._camera.close()
         if self._clock_out is not None:
-            self.destroy_publisher(self._clock_out)
+            runtime.destroy_publishers(self, self._clock_out)
         self.destroy_timer(self._timer)
         subscription, *services = self._kept
         self.destroy_subscription(subscription)

@@ -1,10 +1,12 @@
 """How nodes end: by a signal, with the graph still there for their last word."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -172,3 +174,76 @@ def test_without_a_stream_nothing_is_said(monkeypatch):
     for stream in (None, closed):
         monkeypatch.setattr(sys, "stderr", stream)
         say("a word")
+
+
+TALKER = """
+import sys
+from rclpy.node import Node
+from std_msgs.msg import String
+from iolspi_ros import qos, runtime
+
+class Talker(Node):
+    failure = None
+
+    def __init__(self, arguments):
+        super().__init__("talker")
+        self.out = self.create_publisher(String, "word", qos.OUTGOING)
+        self.create_subscription(String, "begin", self.out.publish, qos.TASK)
+        self.own = len(sys.argv) > 1
+
+    def close(self):
+        for number in range(200):
+            self.out.publish(String(data=f"{number} ".ljust(20_000)))
+        if self.own:
+            runtime.destroy_publishers(self, self.out)
+
+raise SystemExit(runtime.main(Talker, "talker", []))
+"""
+LISTENER = """
+import rclpy
+from std_msgs.msg import String
+from iolspi_ros import qos
+rclpy.init()
+node = rclpy.create_node("listener")
+node.create_subscription(String, "word", lambda m: print("heard", flush=True), qos.SAMPLES)
+rclpy.spin(node)
+"""
+
+
+@contextmanager
+def python(code, *arguments):
+    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("own", [(), ("own",)])
+def test_what_is_said_last_is_heard(ros, own):
+    peer = Peer(ros)
+    peer.listen("word", String, qos.SAMPLES)
+    with python(TALKER, *own) as talker:
+        peer.publisher("begin", String, qos.LATCHED).publish(String())
+        peer.until(lambda: peer.heard["word"])  # each has found the other
+        talker.send_signal(signal.SIGINT)
+        peer.until(lambda: talker.poll() is not None)
+        peer.until(lambda: len(peer.heard["word"]) == 201)
+    assert talker.returncode == 0
+
+
+def test_who_listens_no_more_is_not_waited_for_without_end(ros):
+    peer = Peer(ros)
+    with python(LISTENER) as listener, python(TALKER) as talker:
+        begin = peer.publisher("begin", String, qos.LATCHED)
+
+        def found():
+            begin.publish(String())
+            return select.select([listener.stdout], [], [], 0.1)[0]
+
+        peer.until(found)
+        listener.kill()
+        talker.send_signal(signal.SIGINT)
+        peer.until(lambda: talker.poll() is not None, deadline=15.0)  # its lease is 20 s
+    assert talker.returncode == 0

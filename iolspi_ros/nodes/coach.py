@@ -7,7 +7,7 @@ from typing import Any
 
 from std_msgs.msg import String
 
-from iolspi_ros import qos
+from iolspi_ros import qos, runtime
 from iolspi_ros.bags import coaching, survey
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.nodes.foresight import Foresight
@@ -61,7 +61,7 @@ class Coach:
         self._out.publish(String())
         if self._foresight is not None:
             self._foresight.close()
-        self._node.destroy_publisher(self._out)
+        runtime.destroy_publishers(self._node, self._out)
 
 
 def foretold(found: Mapping[str, Any], n_episodes: int, success: str) -> str:

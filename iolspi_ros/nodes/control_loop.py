@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transition
 from iolspi_ros.errors import InputError
@@ -158,7 +158,7 @@ class ControlLoop:
         self.stop()
         for subscription in self._heard_on:
             self._node.destroy_subscription(subscription)
-        self._node.destroy_publisher(self._out)
+        runtime.destroy_publishers(self._node, self._out)
         if self._watch is not None:
             self._watch.close()
 

@@ -128,8 +128,7 @@ class Demonstrator(ManagedNode):
         self._listener.close()
         self._vitals.close()
         self.destroy_timer(self._flushing)
-        self.destroy_publisher(self._sample_out)
-        self.destroy_publisher(self._demonstration_out)
+        runtime.destroy_publishers(self, self._sample_out, self._demonstration_out)
 
     def _on_task(self, task: TaskDescription) -> None:
         """Make what demonstrates: there is a vehicle."""

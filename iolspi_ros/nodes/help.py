@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import Source
 from iolspi_ros.core.samples import Observation, Transitions
 from iolspi_ros.managed import ManagedNode
@@ -74,4 +74,4 @@ class Help:
     def close(self) -> None:
         """Ask no more."""
         if self._out is not None:
-            self._node.destroy_publisher(self._out)
+            runtime.destroy_publishers(self._node, self._out)

@@ -71,5 +71,4 @@ class PilotTopics:
         """Let the vehicle go, and say nothing more."""
         self.let_go()
         self._node.destroy_timer(self._timer)
-        self._node.destroy_publisher(self._takeover_out)
-        self._node.destroy_publisher(self._piloting_out)
+        runtime.destroy_publishers(self._node, self._takeover_out, self._piloting_out)

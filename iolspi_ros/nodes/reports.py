@@ -9,7 +9,7 @@ import numpy as np
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from iolspi_ros import qos, wire
+from iolspi_ros import qos, runtime, wire
 from iolspi_ros.core.learner import PERSON, Learner, Source, Update
 from iolspi_ros.core.samples import Array, Observation
 
@@ -139,5 +139,5 @@ class Reports:
 
     def close(self) -> None:
         """Publish nothing more."""
-        for publisher in (self._score_out, self._update_out, self._weights_out):
-            self._node.destroy_publisher(publisher)
+        publishers = self._score_out, self._update_out, self._weights_out
+        runtime.destroy_publishers(self._node, *publishers)

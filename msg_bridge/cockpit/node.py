@@ -91,7 +91,7 @@ class CockpitNode(ManagedNode):
         self.close()
         self._watching.close()
         self._vitals.close()
-        self.destroy_publisher(self._joy)
+        runtime.destroy_publishers(self, self._joy)
         self.destroy_timer(self._looking)
         for clients in (self._verdicts, self._setting, self._getting):
             for client in clients.values():

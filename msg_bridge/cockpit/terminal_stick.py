@@ -16,7 +16,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
 
-from iolspi_ros import qos
+from iolspi_ros import qos, runtime
 from iolspi_ros.errors import InputError
 from msg_bridge.cockpit.board import Board
 from msg_bridge.cockpit.keyboard import VERDICTS, Keyboard, keys
@@ -111,4 +111,4 @@ class TerminalStick:
         """Centre the stick, and say nothing more."""
         if self._keyboard is not None:
             self._publish(Keyboard(len(self._said.buttons) - 1).at(0.0), 0.0)
-        self._node.destroy_publisher(self._out)
+        runtime.destroy_publishers(self._node, self._out)

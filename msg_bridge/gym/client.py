@@ -148,6 +148,7 @@ class GraphClient:
     def close(self) -> None:
         """Leave the graph."""
         self._loop.close()
+        runtime.destroy_publishers(self._node, *self._node.publishers)
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 

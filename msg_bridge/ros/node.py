@@ -102,7 +102,7 @@ class Vehicle(ManagedNode):
         """Leave the graph."""
         self._topics.close()
         self._wiring.close()
-        self.destroy_publisher(self._diagnostics_out)
+        runtime.destroy_publishers(self, self._diagnostics_out)
         for timer in self._timers_:
             self.destroy_timer(timer)
         for subscription in self._heard_on:

@@ -9,6 +9,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from iolspi_ros import runtime
 from iolspi_ros.errors import InputError
 from iolspi_ros.unheard import name_of, unheard
 from msg_bridge.ros.description import Output, Robot
@@ -116,8 +117,8 @@ class Wiring:
         """Leave the robot's topics."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        for publisher in (*self._publishers, *([self._start_out] if self._start_out else [])):
-            self._node.destroy_publisher(publisher)
+        publishers = *self._publishers, *([self._start_out] if self._start_out else [])
+        runtime.destroy_publishers(self._node, *publishers)
         if self._client is not None:
             self._node.destroy_client(self._client)
 
