@@ -3,13 +3,15 @@ import json
 import numpy as np
 import pytest
 
+from iolspi_ros import resources
 from iolspi_ros.bench import deep, latency, learner, public, safety, scale, speed
 from iolspi_ros.bench.rows import at_least, at_most
 from iolspi_ros.cli import bench
-from iolspi_ros.experiments.slung_load import INFORMED, SlungLoadRun, drop
+from iolspi_ros.experiments.headless import make_learner
+from iolspi_ros.experiments.slung_load import DEFAULT, INFORMED, SlungLoadRun, drop
 from iolspi_ros.experiments.thesis import slung_load_claims as c
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
-from sim_nodes.tasks.slung_load import Outcome
+from sim_nodes.tasks.slung_load import Outcome, SlungLoad
 from sim_nodes.world import WorldSettings, make_world
 
 
@@ -49,6 +51,7 @@ def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
 
     data = {c.ONLINE_T: cell(10, 3), c.INFORMED_T: cell(20, 4), c.CONSTANT: cell(5, 4),
             c.GREEDY: cell(20, 10), c.SHIELDED: cell(0, 9), c.FINE: cell(20, 10),
+            c.DEFAULT_T: cell(20, 10), c.DEFAULT_SHIELDED: cell(0, 9),
             c.NARROW_LARGE: cell(20, 7),
             NEAR_OPTIMAL: {"judged": np.array([[0, 10, 0, 0, 0]])}}  # fmt: skip
     found = {row.name: row for row in safety.rows(data)}
@@ -60,8 +63,18 @@ def test_crashes_are_counted_per_thousand_episodes_and_against_each_other():
     assert fewer.holds
     assert found["informed, finest grid: greedy dunks, mean"].holds
     assert not found["narrow, informed, larger grid: greedy dunks, mean"].holds
+    assert found[f"{c.DEFAULT_T}: greedy after 15000 episodes, dunks, mean"].holds
+    assert not found[f"{c.DEFAULT_SHIELDED}: greedy after 15000 episodes, dunks, mean"].holds
+    assert found[f"{c.DEFAULT_SHIELDED}: greedy after 15000 episodes, crashes, mean"].holds
     over = "crashes with demonstrations and shield over online's, episodes 0 to 1000"
     assert found[over].value == 0.0
+
+
+def test_the_default_learner_is_that_of_the_parameter_file():
+    file = resources.find("config", "slung_load.yaml")
+    values = resources.parameters(file, "learner")
+    configured = make_learner("iolspi", SlungLoad.description, values, str(file), 0)
+    assert configured.settings == DEFAULT
 
 
 def test_a_realisation_says_how_every_episode_ended():

@@ -18,6 +18,8 @@ from iolspi_ros.experiments.thesis import slung_load
 from iolspi_ros.experiments.thesis.curves import NEAR_OPTIMAL
 from iolspi_ros.experiments.thesis.slung_load_claims import (
     CONSTANT,
+    DEFAULT_SHIELDED,
+    DEFAULT_T,
     FINE,
     GREEDY,
     INFORMED_T,
@@ -79,7 +81,7 @@ def rows(data: Data) -> list[Row]:
         for way in WAYS:
             name = f"{label}: greedy at the end, {way}"
             found += _with_interval(name, interval(judged(data, label, way)), "share")
-    return [*found, *_thesis(data), *_greedy(data), *_shield(data)]
+    return [*found, *_thesis(data), *_greedy(data), *_default(data), *_shield(data)]
 
 
 def _with_interval(name: str, value: Interval, unit: str) -> list[Row]:
@@ -118,6 +120,25 @@ def _greedy(data: Data) -> list[Row]:
         Row("near-optimal: dunks", float(best), "share"),
         at_least(f"{NARROW_LARGE}: greedy dunks, mean", narrow.mean, "share", 0.8),
     ]
+
+
+def _default(data: Data) -> list[Row]:
+    """What the learner that is the default does from the demonstrations, after each look."""
+    found = []
+    for label, most in ((DEFAULT_T, 0.01), (DEFAULT_SHIELDED, 0.0)):
+        cell = data[label]
+        looks, episodes = cell["judged"].shape[1] - 1, cell["ending"].shape[1]
+        for look in range(1, looks + 1):
+            dunks, crashes = (interval(judged(data, label, w, look)) for w in ("dunks", "crashes"))
+            after = f"{label}: greedy after {episodes * look // looks} episodes"
+            least = 0.97 if look == looks and label == DEFAULT_T else 0.95
+            found += [
+                at_least(f"{after}, dunks, mean", dunks.mean, "share", least),
+                *_with_interval(f"{after}, dunks", dunks, "share")[1:],
+                at_most(f"{after}, crashes, mean", crashes.mean, "share", most),
+                *_with_interval(f"{after}, crashes", crashes, "share")[1:],
+            ]
+    return found
 
 
 def _shield(data: Data) -> list[Row]:

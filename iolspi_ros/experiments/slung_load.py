@@ -30,6 +30,11 @@ T gives no decay; this one comes down to 0.01 in 5,800 s, about when 15,000 epis
 """
 INFORMED = replace(ONLINE, epsilon=0.01, epsilon_decay=1.0)
 """T 11-1: with demonstrations epsilon is 0.01 from the first episode."""
+DEFAULT = replace(
+    INFORMED, algorithm="refreshed", basis="rbf", centers=(5, 4, 7, 4), update_interval=500,
+    epsilon_min=0.0,
+)  # fmt: skip
+"""As in config/slung_load.yaml."""
 _QUICK = 10
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from iolspi_ros import figures
 from iolspi_ros.experiments.cells import Cell, Data
-from iolspi_ros.experiments.slung_load import INFORMED, ONLINE, SlungLoadRun, best, drop
+from iolspi_ros.experiments.slung_load import DEFAULT, INFORMED, ONLINE, SlungLoadRun, best, drop
 from iolspi_ros.experiments.slung_load_timing import timed
 from iolspi_ros.experiments.statistics import interval, intervals
 from iolspi_ros.experiments.thesis import drawing
@@ -19,6 +19,8 @@ from iolspi_ros.experiments.thesis.slung_load_claims import (
     BIN,
     CLAIMS,
     CONSTANT,
+    DEFAULT_SHIELDED,
+    DEFAULT_T,
     FINE,
     GREEDY,
     INFORMED_T,
@@ -36,16 +38,18 @@ Array = NDArray[np.float64]
 
 SET = "set 5"
 """Of the demonstrations: explore, a third of the actions random, T's best for the pendulum."""
-LARGE = (5, 4, 7, 4)
+LARGE = DEFAULT.centers
 """Centres of the larger grid: 2,240 functions, the velocities among them."""
 FINEST = (5, 5, 7, 5)
 """3,500 functions: more hardly dunk more, and take longer."""
 SHORTER = 6_000
 """Episodes of what takes long or has long converged by then."""
+SHORTEST = 2_000
+"""Episodes of the default learner: the goals are for 500 and for these."""
 FEW = 6
 """Realisations of those; `iolspi bench safety` takes as many of them as of the others."""
 
-_REFRESHED = replace(INFORMED, algorithm="refreshed", refresh_iterations=2)
+_REFRESHED = replace(INFORMED, algorithm="refreshed")
 _LARGER = replace(INFORMED, centers=LARGE)
 _GRIDS = {36: (9, 1, 1, 1), 324: (9, 1, 9, 1), 2916: (9, 9, 9, 1)}
 T_TABLE_3 = {36: 10.2, 324: 18.5, 2916: 349.5}
@@ -63,6 +67,9 @@ def safety() -> tuple[Cell, ...]:
         _cell(INFORMED_T, SlungLoadRun(INFORMED, samples=SET), 8.0),
         _cell(REFRESHED_T, SlungLoadRun(_REFRESHED, samples=SET, episodes=SHORTER, looks=6), 20.0,
               FEW),
+        _cell(DEFAULT_T, SlungLoadRun(DEFAULT, samples=SET, episodes=SHORTEST, looks=4), 80.0, FEW),
+        _cell(DEFAULT_SHIELDED, SlungLoadRun(replace(DEFAULT, shield=True), samples=SET,
+                                             episodes=SHORTEST, looks=4), 100.0, FEW),
         _cell(GREEDY, SlungLoadRun(_LARGER, samples=SET, episodes=SHORTER, looks=6), 25.0, FEW),
         _cell(SHIELDED, SlungLoadRun(replace(_LARGER, shield=True), samples=SET, episodes=SHORTER,
                                  looks=6), 50.0, FEW),

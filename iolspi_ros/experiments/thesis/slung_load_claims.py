@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 ONLINE_T = "online"
 INFORMED_T = "informed"
 REFRESHED_T = "informed, refreshed"
+DEFAULT_T = "informed, larger grid, refreshed"
+DEFAULT_SHIELDED = "informed, larger grid, refreshed, shield"
 GREEDY = "informed, larger grid"
 SHIELDED = "informed, larger grid, shield"
 FINE = "informed, finest grid"
@@ -62,10 +64,10 @@ def rate(data: Data, label: str, what: str, first: int, last: int) -> Array:
     return np.asarray(1000.0 * ended(part, what).mean(axis=1))
 
 
-def judged(data: Data, label: str, what: str) -> Array:
-    """Share of greedy episodes that end so at the end of learning, shape (n_seeds,)."""
+def judged(data: Data, label: str, what: str, look: int = -1) -> Array:
+    """Share of greedy episodes that end so at a look, the last one if not told, (n_seeds,)."""
     last = data[label]["judged"]
-    last = last[:, -1] if last.ndim == 3 else last
+    last = last[:, look] if last.ndim == 3 else last
     columns = [int(outcome) for outcome in _ENDINGS[what]]
     return np.asarray(last[:, columns].sum(axis=1) / last.sum(axis=1))
 
