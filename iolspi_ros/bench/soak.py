@@ -153,13 +153,14 @@ class Harm:
                 self._run.full += 1
                 self._run.complaints += self._run.last_error > self._full_since
                 self.stop()
-        elif now > self._next and self._learner_heard:
-            self._do(self._rng.choice((*KILLED, DISK)), now)
+        elif now > self._next and self._heard("learner"):  # it looks first whether it can save
+            # Without a vehicle it has nothing to save, and nothing to complain of.
+            disk = (DISK,) if self._heard("simulator") else ()
+            self._do(self._rng.choice((*KILLED, *disk)), now)
 
-    @property
-    def _learner_heard(self) -> bool:
-        """Whether the learner of now has begun: it looks first whether it can save at all."""
-        return bool(self._run.vitals.get(("learner", self._run.kills["learner"])))
+    def _heard(self, name: str) -> bool:
+        """Whether the node of now has begun."""
+        return bool(self._run.vitals.get((name, self._run.kills[name])))
 
     def _do(self, what: str, now: float) -> None:
         self._next = now + self._every
