@@ -92,6 +92,5 @@ CART_POLE = (
     Claim("Its functions are not what does it", OURS, f"{_NEAR}, the same 7 by 7 functions",
           every(*(more(f"{_OURS}, {n} episodes", f"{_WIDE}, {n} episodes") for n in (100, 200)))),
     Claim("From 1,000 episodes its policies balance for 2,950 of 3,000 steps", OURS, _NEAR,
-          balanced(f"{_OURS}, 1000 episodes", 2950.0),
-          "46 of 50 do, and four are poor. From so many episodes LSPI comes to as much"),
+          balanced(f"{_OURS}, 1000 episodes", 2950.0)),
 )  # fmt: skip
