@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iolspi_ros.core.lspi import greedy, offline_lspi
+from iolspi_ros.core.features import RBFGrid
+from iolspi_ros.core.lspi import BlockSystem, greedy, offline_lspi
 from iolspi_ros.core.moments import Moments, accumulate
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.solve import solve
@@ -171,3 +172,27 @@ def test_ties_are_broken_at_random():
     counts = np.bincount(chosen, minlength=3)
     assert (abs(counts - 1000) < 150).all()
     assert (greedy(np.ones((3, 2)), np.ones((5, 2))) == 0).all()
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_moving_samples_to_another_policy_s_blocks_is_summing_them_up_anew(weighted):
+    """Λ = Σ w φ(s, a) φ(s', b)ᵀ, one sample at a time, for one policy after the other."""
+    rng, n, n_actions = np.random.default_rng(5), 300, 3
+    grid = RBFGrid((-1.0, -1.0), (1.0, 1.0), (3, 3))
+    state, next_state = rng.uniform(-1.0, 1.0, (2, n, 2))
+    action, last = rng.integers(n_actions, size=n), rng.random(n) < 0.1
+    samples = Transitions(state, action, rng.standard_normal(n), next_state, last, last)
+    weight = rng.uniform(0.5, 2.0, n) if weighted else np.ones(n)
+    system = BlockSystem(samples, grid, n_actions, 0.9, weight, 1e-3)
+    policy = rng.integers(n_actions, size=n)
+    for changed in (0.0, 0.02, 0.7, 1.0, 0.0):
+        policy = np.where(rng.random(n) < changed, rng.integers(n_actions, size=n), policy)
+        wanted = np.zeros((n_actions, grid.size, n_actions, grid.size))
+        for k in range(n):
+            here, there = grid(state[k : k + 1])[0], grid(next_state[k : k + 1])[0]
+            wanted[action[k], :, policy[k]] += weight[k] * np.outer(here, there) * (not last[k])
+        before = system.moments(policy)
+        np.testing.assert_allclose(before.cross, wanted, rtol=1e-12, atol=1e-12)
+        kept = before.cross.copy()
+        system.moments(rng.integers(n_actions, size=n))
+        np.testing.assert_array_equal(before.cross, kept)  # what was handed out stays as it was

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iolspi_ros.core.learner import Proceed, always
-from iolspi_ros.core.moments import Moments, add_cross, add_gram
+from iolspi_ros.core.moments import Moments, add_cross, add_gram, move_cross
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.core.solve import Solve, solve
 
@@ -129,25 +129,17 @@ class BlockSystem:
         """Γ, Λ and z of a policy."""
         size = self.vector.shape[1]
         last = self._last
-        moved = np.flatnonzero(policy != last) if last is not None else np.arange(len(policy))
-        if last is None or 2 * len(moved) > len(policy):
+        if last is None:
             self._cross = np.zeros_like(self._cross)
-            self._add(slice(None), policy, self.weight)
-        elif len(moved):
+            add_cross(self._cross, self.phi, self.action, self.next_phi, policy, self.weight)
+        elif (policy != last).any():
             self._cross = self._cross.copy()  # the one before is somebody's
-            self._add(moved, policy, self.weight)
-            self._add(moved, last, -self.weight)
+            move_cross(self._cross, self.phi, self.action, self.next_phi, last, policy, self.weight)
         self._last = policy
         gram = self.gram.copy()
         gram[:, np.arange(size), np.arange(size)] += self.delta
         mass = float(self.weight.sum())
         return Moments(gram, self._cross, self.vector, len(policy), mass)
-
-    def _add(self, rows: NDArray[np.int64] | slice, policy: Actions, weight: Array) -> None:
-        add_cross(
-            self._cross, self.phi[rows], self.action[rows], self.next_phi[rows], policy[rows],
-            weight[rows],
-        )  # fmt: skip
 
     def evaluate(self, policy: Actions) -> Solve:
         """Weights of a policy."""

@@ -147,6 +147,30 @@ def add_cross(
         cross[a, :, b, :] += weighted[rows].T @ next_phi[rows]
 
 
+def move_cross(
+    cross: Array,
+    phi: Array,
+    action: NDArray[np.int64],
+    next_phi: Array,
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    weight: Array,
+) -> None:
+    """Take samples whose next action changed from its block of Λ to that after, in place."""
+    n_actions, moved = len(cross), np.flatnonzero(before != after)
+    way = (action[moved] * n_actions + before[moved]) * n_actions + after[moved]
+    by_way = np.argsort(way, kind="stable")
+    order = moved[by_way]
+    _, weighted = _sorted(phi, weight, order)
+    next_phi = next_phi[order]
+    for key, rows in groups(way[by_way]):
+        ab, c = divmod(key, n_actions)
+        a, b = divmod(ab, n_actions)
+        product = weighted[rows].T @ next_phi[rows]
+        cross[a, :, b, :] -= product
+        cross[a, :, c, :] += product
+
+
 def _sorted(phi: Array, weight: Array, order: NDArray[np.int64]) -> tuple[Array, Array]:
     """φ in an order, as it is and weighted; one array when no weight differs from 1."""
     phi, weight = phi[order], weight[order]
