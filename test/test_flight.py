@@ -2,13 +2,14 @@
 
 import contextlib
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
 
 from iolspi_ros.bags import read_demonstration
 from iolspi_ros.bench.flying import PATIENT, Flying
-from iolspi_ros.bench.worlds import FACTOR, RealTime
+from iolspi_ros.bench.worlds import RealTime
 from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.headless import Listener, prepare, train
 from iolspi_ros.resources import find
@@ -61,9 +62,11 @@ def test_one_seed_gives_one_flight(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("like", ["px4", "ardupilot"])
 def test_in_real_time_on_sockets(tmp_path, like):
-    with Flying(tmp_path, like, world=RealTime, factor=FACTOR, timeouts=PATIENT, episodes=3) as f:
+    """Not faster: what then goes wrong on a busy machine is the machine's."""
+    world = partial(RealTime, factor=1.0)
+    with Flying(tmp_path, like, world=world, factor=1.0, timeouts=PATIENT, episodes=4) as f:
         f.until(lambda: f.flight.phase is Phase.DOWN, 400.0)
-        assert len(f.ends) == 3
+        assert len(f.ends) == 4
         assert sum(seen.reward == DUNK for seen in f.ends) >= 2
         assert f.flight.violations == 0
         assert not f.broken

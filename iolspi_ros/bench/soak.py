@@ -32,7 +32,8 @@ from sim_nodes.tasks import task_class
 KILL_EVERY = 60.0
 """Seconds of wall time between two kills."""
 FULL = 25.0
-"""Seconds of wall time for which the learner's disk is full: more than between checkpoints."""
+"""Seconds of wall time for which the learner's disk is full, at least: more than between
+checkpoints."""
 SAVE_EVERY = 10.0
 """Seconds of wall time between two checkpoints."""
 RESEND = 0.01
@@ -47,7 +48,8 @@ up to 20, for which Fast DDS keeps room, and those after them next to nothing.""
 LAST = 0.25
 """Share of the episodes, the last ones, by which a run is judged."""
 PATIENCE = 120.0
-"""Seconds without an episode after which a run counts as stuck."""
+"""Seconds without an episode after which a run counts as stuck, and seconds with a full disk and no
+word of it after which there will be none."""
 KILLED, DISK = ("simulator", "learner", "relay"), "disk"
 FILES = ("memory [MB]", "open files")
 
@@ -149,9 +151,10 @@ class Harm:
     def look(self, now: float) -> None:
         """Do what is due."""
         if self._full_since:
-            if now > self._full_since + FULL:
+            said = self._run.last_error > self._full_since
+            if now > self._full_since + (FULL if said else PATIENCE):
                 self._run.full += 1
-                self._run.complaints += self._run.last_error > self._full_since
+                self._run.complaints += said
                 self.stop()
         elif now > self._next and self._heard("learner"):  # it looks first whether it can save
             # Without a vehicle it has nothing to save, and nothing to complain of.
