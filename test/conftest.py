@@ -34,6 +34,8 @@ settings.register_profile("thorough", parent=settings.get_profile("quick"), max_
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
+DEADLINE = 120.0  # of what takes a second or two; a busy machine may take many times as long
+
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 for _number in ENDS:  # a shell's background job ignores some, and every child would inherit that
     signal.signal(
@@ -89,7 +91,7 @@ class Nodes:
             f"--- {path.stem}:\n{path.read_text()[-2000:]}" for path in self.folder.glob("*.log")
         )
 
-    def wait_for(self, name, text, deadline=60.0):
+    def wait_for(self, name, text, deadline=DEADLINE):
         """Until a node has said `text`."""
         end = time.monotonic() + deadline
         while text not in self.log(name):
@@ -97,7 +99,7 @@ class Nodes:
             assert self.processes[name].poll() is None or text in self.log(name), self.log(name)
             time.sleep(0.02)
 
-    def end(self, name, number=signal.SIGINT, deadline=10.0):
+    def end(self, name, number=signal.SIGINT, deadline=30.0):
         """Exit status, which it must have soon."""
         process = self.processes.pop(name)
         process.send_signal(number)
@@ -110,7 +112,7 @@ class Nodes:
             if process.returncode:
                 print(f"{name} ended with {process.returncode}")
 
-    def finish(self, node, *arguments, deadline=60.0):
+    def finish(self, node, *arguments, deadline=DEADLINE):
         """Run a node to its own end; exit status and what it said."""
         process = self.start(node, *arguments)
         status = process.wait(deadline)
@@ -163,7 +165,7 @@ def ros(domain, monkeypatch):
         rclpy.try_shutdown()
 
 
-def spin_until(loop, ready, deadline=60.0):
+def spin_until(loop, ready, deadline=DEADLINE):
     end = time.monotonic() + deadline
     while not ready():
         assert time.monotonic() < end, "deadline"
@@ -197,7 +199,7 @@ class Peer:
         publisher.publish(wire.task_message(task))
         return publisher
 
-    def until(self, ready, deadline=60.0):
+    def until(self, ready, deadline=DEADLINE):
         try:
             spin_until(self.loop, ready, deadline)
         except AssertionError:

@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from conftest import spin_until
+from conftest import DEADLINE, spin_until
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -60,8 +60,8 @@ class Actor:
         for status in message.status:
             self.status[status.name] = {pair.key: pair.value for pair in status.values}
 
-    def until(self, ready, deadline=40.0):
-        spin_until(self.loop, ready, deadline)
+    def until(self, ready):
+        spin_until(self.loop, ready)
 
     def call(self, kind, name, request):
         client = self.node.create_client(kind, name)
@@ -265,7 +265,7 @@ def test_bad_input_is_said_in_one_line(finish, capfd, argument, words):
 def iolspi(nodes, *arguments):
     command = [sys.executable, "-m", "iolspi_ros", *arguments]
     return subprocess.run(
-        command, capture_output=True, text=True, env=nodes.env, timeout=60.0, check=False
+        command, capture_output=True, text=True, env=nodes.env, timeout=DEADLINE, check=False
     )
 
 

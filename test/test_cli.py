@@ -253,7 +253,7 @@ def test_the_demo_cleans_up_after_ctrl_c(tmp_path):
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=60)
     assert process.returncode == 130, said
     assert "Traceback" not in said
     assert not [line for line in graph_processes() if str(out) in line]
@@ -272,7 +272,7 @@ def test_a_node_runs_with_the_parameters_of_a_task(tmp_path):
         assert process.poll() is None, (tmp_path / "log").read_text()
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0
 
 
 def test_a_folder_that_is_called_like_the_package_is_in_nobodys_way(tmp_path):

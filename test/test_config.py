@@ -18,7 +18,7 @@ from iolspi_ros.errors import InputError
 from iolspi_ros.managed import Autostart
 from iolspi_ros.nodes.demonstrator import DemonstratorSettings
 from iolspi_ros.nodes.joystick import JoystickSettings
-from iolspi_ros.nodes.learner import NodeSettings
+from iolspi_ros.nodes.learning import LearningSettings
 from iolspi_ros.nodes.player import PlayerSettings
 from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.nodes.teleop import TeleopSettings
@@ -45,8 +45,8 @@ def test_every_parameter_is_one_that_its_node_has(task):
                       tasks.task_class(task)),
         "demonstrator": (Autostart, DemonstratorSettings, TeleopSettings, PlayerSettings,
                          JoystickSettings, PilotSettings),
-        "learner": (Autostart, NodeSettings, SavingSettings, LSPI),
-        "beside": (NodeSettings, SavingSettings, LSPI),
+        "learner": (Autostart, LearningSettings, SavingSettings, LSPI),
+        "beside": (LearningSettings, SavingSettings, LSPI),
     }  # fmt: skip
     file, sections = read(task)
     assert sections["beside"].pop("label")

@@ -19,7 +19,7 @@ def told(ros):
         values.update({pair.key: pair.value for s in message.status for pair in s.values})
 
     node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
-    values["wait"] = lambda ready: spin_until(loop, ready, 60.0)
+    values["wait"] = lambda ready: spin_until(loop, ready)
     return values
 
 

@@ -116,7 +116,7 @@ def test_a_new_learner_asks_and_flies_on(nodes, ros):
         return [int(row["episode"]) for row in said if row["step"] == TASK.episode_steps]
 
     said = []
-    peer.until(lambda: len(ends()) >= 5, 60.0)
+    peer.until(lambda: len(ends()) >= 5)
     assert ends()[:5] == list(range(ends()[0], ends()[0] + 5))
     assert all(0.0 <= row["unsure"] <= 1.0 for row in said)
     nodes.wait_for("learner", "asks for help: it has hardly been")

@@ -95,7 +95,7 @@ def test_keys_of_a_terminal_are_a_joystick_on_the_graph(ros):
                 seen.extend(os.read(ours, 65536))  # else the terminal is full, and it waits
             return ready()
 
-        graph.until(look, 30.0)
+        graph.until(look)
 
     def newest(x, buttons):
         return heard and heard[-1].axes[0] == x and list(heard[-1].buttons) == buttons

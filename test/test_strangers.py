@@ -78,7 +78,7 @@ class Child:
         """End one of ours: it has to be running still, and to exit with 0."""
         assert self.process.poll() is None, str(self)
         self.process.send_signal(signal.SIGINT)
-        assert self.process.wait(5.0) == 0, str(self)
+        assert self.process.wait(30.0) == 0, str(self)
 
     def kill(self):
         if self.process.poll() is None:

@@ -12,7 +12,7 @@ from iolspi_ros import leftovers
 IOLSPI = [sys.executable, "-m", "iolspi_ros"]
 
 
-def wait_for(ready, deadline=60.0):
+def wait_for(ready, deadline=120.0):
     end = time.monotonic() + deadline
     while not (found := ready()):
         assert time.monotonic() < end
@@ -44,7 +44,7 @@ def test_a_killed_learner_is_started_again_and_goes_on(tmp_path, domain):
         os.kill(children(process.pid)["learner"], signal.SIGKILL)
         wait_for(lambda: "resumed from" in (out / "learner.log").read_text())
         process.send_signal(signal.SIGTERM)
-        assert process.wait(15.0) == 0
+        assert process.wait(60.0) == 0
     finally:
         process.kill()
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from iolspi_ros.nodes import vehicle_watch
-from iolspi_ros.nodes.learner import NodeSettings
+from iolspi_ros.nodes.learning import LearningSettings
 from iolspi_ros.nodes.teleop import TeleopSettings
 from iolspi_ros.nodes.vehicle_watch import VehicleWatch
 
@@ -29,7 +29,7 @@ class Node:
 
 
 def test_by_default_learner_and_demonstrator_wait_as_long_as_it_takes():
-    assert NodeSettings().vehicle_timeout == 0.0
+    assert LearningSettings().vehicle_timeout == 0.0
     assert TeleopSettings().vehicle_timeout == 0.0
 
 
