@@ -225,6 +225,16 @@ def test_the_wrong_autopilot_is_named_before_any_practice(places, tmp_path, aske
     assert before == sitl.autopilot.parameters._values
 
 
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_another_speed_than_was_said_is_named_before_any_practice(places, tmp_path, like):
+    with Sitl(like, ["udpin:127.0.0.1:0"], {"SIM_SPEEDUP": 4.0}, ready_after=2.0) as sitl:
+        url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
+        done = fly(places, "--autopilot", like, "--url", url, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "is expected; allowed: for a simulator iolspi fly --speed-up" in done.stderr
+    assert "practising" not in done.stdout
+
+
 # ------------------------------------------------------------ what is said
 
 

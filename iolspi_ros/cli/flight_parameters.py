@@ -25,12 +25,12 @@ def look(plan: FlightPlan) -> None:
     Raises
     ------
     InputError
-        When it is nobody, or not who is to be flown.
+        When it is nobody, not who is to be flown, or as fast as was not said.
     """
     link, flight = plan.settings()
     console.print(f"Looking for {plan.autopilot} at {plan.url} …")
     with _met(link, flight) as preflight:
-        preflight.find()
+        preflight.look()
 
 
 def restore(url: str | None) -> int:

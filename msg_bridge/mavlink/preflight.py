@@ -95,7 +95,9 @@ class Preflight:
             lambda: self._ask_rates(profile),
         )
         self._tell(ChecklistItem("position estimate", "good"))
-        self._check_clock(profile)
+        if math.isnan(pace := self._pace_of(profile)):
+            raise InputError(f"the autopilot tells no position, whatever it is asked{self._why()}")
+        self._check_clock(pace)
         check = ReleaseCheck(client, self._link, self._flight, self._clock, self._listen)
         self.release = check.run()
         self._tell(ChecklistItem("release", self.release.text))
@@ -115,6 +117,17 @@ class Preflight:
         client = ParameterClient(self._link, profile, self._clock, self._listen)
         self._loan = Loan(client, self._memory, vehicle, self._settings.url)
         return profile, client
+
+    def look(self) -> None:
+        """Only look who is there, and how fast their time passes, if they tell it already.
+
+        Raises
+        ------
+        InputError
+            When it is nobody, not who is expected, or as fast as nobody expects.
+        """
+        profile, _ = self.find()
+        self._check_clock(self._pace_of(profile))
 
     @property
     def armed(self) -> bool:
@@ -206,25 +219,29 @@ class Preflight:
 
     # ------------------------------------------------------------ clock and load
 
-    def _check_clock(self, profile: AutopilotProfile) -> None:
-        """Whether the autopilot's clock goes as fast as we think.
+    def _pace_of(self, profile: AutopilotProfile) -> float:
+        """How fast the autopilot's clock goes; NaN when it tells no time.
 
-        Measured again when it does not: a busy machine may stall a simulator for a moment.
+        Measured again when that is not expected: a busy machine may stall a simulator for a moment.
         """
-        factor = self._flight.real_time_factor
         self._ask_rates(profile)
         for _ in range(_TRIES):
             pace = self._pace()
-            if abs(pace / factor - 1.0) < _WRONG:
-                self._tell(ChecklistItem("clock", f"{pace:.2f} times ours"))
-                return
-        if math.isnan(pace):
-            raise InputError(f"the autopilot tells no position, whatever it is asked{self._why()}")
-        raise InputError(
-            f"the autopilot's clock goes {pace:.2f} times as fast as ours, but {factor:g} is "
-            f"expected; allowed: for a simulator iolspi fly --speed-up {max(round(pace), 1)} "
-            "(real_time_factor of the bridge); for all that really flies 1.0"
-        )
+            if abs(pace / self._flight.real_time_factor - 1.0) < _WRONG:
+                break
+        return pace
+
+    def _check_clock(self, pace: float) -> None:
+        """Whether the autopilot's clock goes as fast as we think, if it is known how fast."""
+        factor = self._flight.real_time_factor
+        if abs(pace / factor - 1.0) >= _WRONG:
+            raise InputError(
+                f"the autopilot's clock goes {pace:.2f} times as fast as ours, but {factor:g} is "
+                f"expected; allowed: for a simulator iolspi fly --speed-up {max(round(pace), 1)} "
+                "(real_time_factor of the bridge); for all that really flies 1.0"
+            )
+        told = "not told yet" if math.isnan(pace) else f"{pace:.2f} times ours"
+        self._tell(ChecklistItem("clock", told))
 
     def _pace(self) -> float:
         t = self._link.telemetry
