@@ -19,8 +19,9 @@ def setting(
     low_open: bool = False,
     high_open: bool = False,
     choices: tuple[str, ...] = (),
+    endless: bool = False,
 ) -> Any:
-    """Declare a dataclass field with what it may be and what it means."""
+    """Declare a dataclass field with what it may be and what it means; infinite if `endless`."""
     metadata = {
         "description": description,
         "low": low,
@@ -28,6 +29,7 @@ def setting(
         "low_open": low_open,
         "high_open": high_open,
         "choices": choices,
+        "endless": endless,
     }
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -59,11 +61,12 @@ def check_field(field: dataclasses.Field[Any], value: Any) -> None:
         check_choice(field.name, value, rule["choices"])
     low, high = rule.get("low"), rule.get("high")
     numbers = value if isinstance(value, tuple) else (value,)
-    if not _endless(field.default):
-        for number in numbers:
-            if isinstance(number, float) and not math.isfinite(number):
-                what = f"{rule['description']}: " if "description" in rule else ""
-                raise InputError(f"{what}{field.name} is {value!r}; allowed: finite numbers")
+    for number in numbers:
+        if not isinstance(number, float) or math.isfinite(number):
+            continue
+        if math.isnan(number) or not rule.get("endless"):
+            what = f"{rule['description']}: " if "description" in rule else ""
+            raise InputError(f"{what}{field.name} is {value!r}; allowed: finite numbers")
     if low is None and high is None:
         return
     for number in numbers:
@@ -75,12 +78,6 @@ def check_field(field: dataclasses.Field[Any], value: Any) -> None:
             low_open=rule["low_open"],
             high_open=rule["high_open"],
         )
-
-
-def _endless(default: Any) -> bool:
-    """Whether a default is, or holds, infinity: then others may be so, too."""
-    entries = default if isinstance(default, tuple) else (default,)
-    return any(isinstance(entry, float) and math.isinf(entry) for entry in entries)
 
 
 def from_mapping(cls: type[Any], values: dict[str, Any], where: str) -> Any:

@@ -232,7 +232,7 @@ def test_vehicle_and_load_are_of_one_moment():
     heard.payload.release(heard.estimator.motion(1.0), 1.0)
     heard.vehicle(1.10, 0.5, 5.0, 5.0)
     seen = []
-    heard.estimator.fall.see = lambda place: seen.append(place.tolist())
+    heard.estimator.fall.see = lambda place, height: seen.append(place.tolist())
     heard.load(1.14, 0.4, 3.0)
     assert seen == [pytest.approx([0.4, 0.0, 3.0], abs=1e-6)]
 

@@ -291,6 +291,22 @@ def test_restore_shows_what_is_remembered_and_gives_it_back(places, tmp_path):
     assert "Nothing is left changed" in fly(places, "--restore").stdout
 
 
+@pytest.mark.slow
+def test_restore_reaches_another_system_elsewhere(places, tmp_path):
+    memory = Memory(tmp_path / "state" / "iolspi_ros" / "autopilots", tmp_path)
+    with Sitl("px4", ["udpin:127.0.0.1:0"], RESTING | {"MAV_SYS_ID": 3}) as sitl:
+        kept = Remembered({"COM_OF_LOSS_T": 1.5}, {"COM_OF_LOSS_T": 0.5})
+        memory.keep(Identity("px4", 3, "07"), "udpin:127.0.0.1:9", kept)
+        (memory.folder / "px4_4.json").write_text("{")
+        url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
+        wrong = fly(places, "--restore", "--url", url, "--bridge", "system=many")
+        assert (wrong.returncode, "Traceback" in wrong.stderr) == (2, False)
+        done = fly(places, "--restore", "--url", url)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "px4_4.json" in done.stdout
+        assert sitl.autopilot.parameters["COM_OF_LOSS_T"] == 1.5
+
+
 # ------------------------------------------------------------ whole flights
 
 

@@ -187,16 +187,17 @@ def test_angles_are_positive_to_the_right():
 
 def test_where_a_releasing_load_crosses_the_rim():
     """A parabola seen ten times a second: the chord is near."""
-    fall, rim = Fall(4.0), None
+    fall, rim = Fall(4.0, 1.3), None
     for t in np.arange(0.0, 1.0, 0.1):
-        fall.see(np.array([2.0 * t, -t, 4.6 - 4.905 * t**2]))
+        fall.see(np.array([2.0 * t, -t, 4.6 - 4.905 * t**2]), 5.6)
+        assert fall.fell == (4.6 - 4.905 * t**2 < 4.3)
         rim = fall.landing if rim is None else rim
     assert rim is fall.landing  # the first crossing stays
     when = math.sqrt(0.6 / 4.905)
     assert rim == pytest.approx([2.0 * when, -when], abs=0.03)
-    below = Fall(4.0)
-    below.see(np.array([0.0, 0.0, 3.9]))
-    below.see(np.array([0.0, 0.0, 3.0]))
+    below = Fall(4.0, 1.3)
+    below.see(np.array([0.0, 0.0, 3.9]), 4.9)
+    below.see(np.array([0.0, 0.0, 3.0]), 4.9)
     assert below.landing is None
 
 

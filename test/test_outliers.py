@@ -6,20 +6,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from iolspi_ros.core.learner import update
 from iolspi_ros.core.lspi_settings import LSPISettings
 from iolspi_ros.core.online import OnlineLSPI
 from iolspi_ros.core.outliers import FEW, doubts, far
 from iolspi_ros.core.samples import Transition
 from iolspi_ros.core.solve import plausible
+from iolspi_ros.errors import InputError
 from iolspi_ros.experiments.evaluate import evaluate, policy_of
 from iolspi_ros.experiments.headless import Listener, train
 from iolspi_ros.experiments.samplesets import samples
+from iolspi_ros.task import Variable
 from sim_nodes.tasks.pendulum import Pendulum
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.world import World, WorldSettings
 
 TASK = Pendulum()
 TAUGHT = samples("set 3", TASK, 0)
+RNG = np.random.default_rng(0)
 
 
 def learner(**changes):
@@ -94,6 +98,81 @@ def test_what_comes_again_is_believed():
     for count in range(1, FEW + 3):
         sizes[-count] = 1e6
         assert far(sizes, 10.0).sum() == (count if count <= FEW else 0)
+
+
+def test_rewards_that_are_false_now_and_then_never_become_true():
+    """However many there are, they stand among true ones; a place that pays is paid again."""
+    rng = np.random.default_rng(0)
+    scattered = rng.choice(len(TAUGHT), 40, replace=False)
+    assert doubts(spoiled(TAUGHT, scattered, reward=-1e9)).rows.sum() == 40
+    place = np.argsort(np.abs(TAUGHT.state - TAUGHT.state[3000]).sum(axis=1))[:40]
+    assert not doubts(spoiled(TAUGHT, place, reward=-1e9)).rows.any()
+
+
+def test_a_true_prize_is_not_forgotten_when_it_is_crowded():
+    """Once believed, it is believed: a part of the space keeps few samples, but those of it."""
+    core = OnlineLSPI(
+        TASK.description, LSPISettings(basis="auto", kernels=50, buffer_size=2000), RNG
+    )
+    found = []
+    for _ in range(8):
+        states = RNG.uniform((-np.pi, -20.0), (np.pi, 20.0), (1000, 2))
+        states[::25] = RNG.normal((0.0, 0.0), 0.01, (40, 2))
+        for k, state in enumerate(states):
+            prize = k % 25 == 0
+            core.observe(Transition(state, 1, 100.0 if prize else -1.0, states[k - 1], False))
+        update(core)
+        kept = core.buffer.transitions
+        found.append((int((kept.reward > 0.0).sum()), int(doubts(kept).rows.sum())))
+    assert all(number > FEW and doubted == 0 for number, doubted in found), found
+    assert len(core.buffer) <= 2000
+
+
+@pytest.mark.parametrize("settings", [{"basis": "auto"}, {"centers": (11, 11)}])
+@pytest.mark.parametrize("online", [True, False])
+def test_where_nothing_can_be_believed_nothing_changes(settings, online):
+    core = OnlineLSPI(TASK.description, LSPISettings(**settings), np.random.default_rng(0))
+    weights = core.weights
+    beyond = spoiled(TAUGHT, slice(None), state=(900.0, 900.0))[np.arange(50)]
+    if online:
+        for k in range(50):
+            row = beyond[np.array([k])]
+            core.observe(Transition(row.state[0], int(row.action[0]), float(row.reward[0]),
+                                    row.next_state[0], False))  # fmt: skip
+        found = update(core)
+    else:
+        found = core.pretrain(beyond)
+    assert (found.accepted, found.healthy) == (False, False)
+    assert "24 samples not believed: variable 0 at 900" in found.text
+    assert core.weights is weights
+    assert core.pretrain(TAUGHT).accepted
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_a_policy_does_not_depend_on_the_unit_of_its_rewards(unit):
+    core = learner()
+    found = core.pretrain(replace(TAUGHT, reward=TAUGHT.reward * unit))
+    one = learner()
+    assert found.refresh.iterations >= one.pretrain(TAUGHT).refresh.iterations
+    np.testing.assert_allclose(core.weights / unit, one.weights, rtol=1e-5, atol=1e-5)
+
+
+def test_samples_of_another_task_are_dropped():
+    core, state = learner(), np.zeros(2)
+    for s, n in ((np.zeros(1), state), (state, np.zeros(3)), (np.zeros(5), np.zeros(5))):
+        assert not core.observe(Transition(s, 0, 0.0, n, False))
+    assert (core.dropped, core.step) == (3, 0)
+
+
+def test_a_task_without_limits_is_learned():
+    """Features come from the samples; a grid asks for limits."""
+    task = replace(TASK.description, variables=(Variable("x"), Variable("v", low=0.0)))
+    rows = replace(TAUGHT, state=abs(TAUGHT.state), next_state=abs(TAUGHT.next_state))
+    for basis in ("", "auto"):
+        core = OnlineLSPI(task, LSPISettings(basis=basis), np.random.default_rng(0))
+        assert core.pretrain(rows).accepted
+    with pytest.raises(InputError, match=r"x of task pendulum has no limits.*basis: auto"):
+        OnlineLSPI(task, LSPISettings(basis="rbf"), np.random.default_rng(0))
 
 
 def test_a_first_fall_among_nothing_but_zeros_is_believed():

@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from iolspi_ros.bench.flying import Flying
 from iolspi_ros.errors import InputError
@@ -98,6 +99,72 @@ def test_a_vehicle_that_tells_its_number_is_not_taken_for_another(vehicle, tmp_p
                   for about, kept in Memory(tmp_path / "memory").all()}  # fmt: skip
     assert remembered == {"05": pytest.approx(0.7), "06": pytest.approx(0.9)}
     assert memory.all() == []
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_number_that_is_told_only_in_one_of_two_runs_loses_nothing(vehicle, first):
+    f = vehicle("px4", autopilot={"SIM_UID": 77})
+    before, take = values(f), f.telemetry.take
+    told = [first]
+    f.telemetry.take = lambda message, now: (
+        True if message.get_type() == "AUTOPILOT_VERSION" and not told[0] else take(message, now)
+    )
+    another(f).run()  # and is killed
+    told[0], f.telemetry.uid = not first, None
+    preflight = another(f)
+    preflight.run()
+    assert preflight.restore() == []
+    assert values(f) == before
+    assert Memory(f.log.parent / "memory").all() == []
+
+
+@pytest.mark.parametrize("taken", [0.6, 1.0])
+def test_what_the_autopilot_took_instead_is_given_back(vehicle, taken):
+    """It may have limits of its own; that it is not what was asked for ends the preflight."""
+    f = vehicle("px4")
+    before, change = values(f), f.autopilot.change
+    f.autopilot.change = lambda name, value: change(
+        name, max(value, taken) if name == "COM_OF_LOSS_T" and value == 0.5 else value
+    )
+    preflight = another(f)
+    with pytest.raises(InputError, match="COM_OF_LOSS_T of px4 cannot be set"):
+        preflight.run()
+    assert preflight.restore() == []
+    assert values(f) == before
+
+
+def test_who_else_is_on_board_does_not_speak_for_the_autopilot(vehicle):
+    f = vehicle("px4", autopilot={"SIM_UID": 77})
+    gimbal = dialect.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, [], [], [], 0, 0, 999)
+    gimbal._header = dialect.MAVLink_header(148, srcSystem=1, srcComponent=154)
+    f.telemetry.take(gimbal, f.clock.now())
+    assert f.telemetry.uid is None
+    another(f).run()
+    assert [who.uid for who, _ in Memory(f.log.parent / "memory").all()] == ["4d"]
+
+
+def test_nothing_is_changed_that_cannot_be_written_down(vehicle):
+    f = vehicle("px4")
+    before = values(f)
+    (f.log.parent / "memory").write_text("a file where the folder should be")
+    with pytest.raises(InputError, match="nothing is changed without that"):
+        another(f).run()
+    assert values(f) == before
+
+
+PX4 = {"autopilot": "px4", "system": 1, "uid": ""}
+
+
+@pytest.mark.parametrize("about", [None, "px4", {}, PX4 | {"system": "one"}, PX4 | {"more": 1}])
+def test_a_file_about_nobody_hides_no_other(tmp_path, about):
+    memory = Memory(tmp_path, tmp_path)
+    kept = Remembered({"A": 1.0}, {"A": 2.0})
+    memory.keep(Identity("px4", 1, "07"), "udpin:127.0.0.1:14540", kept)
+    path = tmp_path / "px4_3.json"
+    path.write_text((tmp_path / "px4_1_07.json").read_text())
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"vehicle": about}))
+    assert [vehicle for vehicle, _ in memory.all()] == [Identity("px4", 1, "07")]
+    assert memory.damaged() == [path]
 
 
 def test_what_somebody_else_has_set_since_is_left(vehicle):

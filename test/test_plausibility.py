@@ -1,5 +1,6 @@
 """What sensors say and cannot be so: found, and nothing that is so is taken for it."""
 
+import itertools
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from iolspi_ros.bench.flying import Flying
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.arbiter import Authority
+from msg_bridge.mavlink.payload import Seen
 from msg_bridge.mavlink.phases import Phase
 from msg_bridge.mavlink.plausibility import LoadCheck, VehicleCheck
 
@@ -21,7 +23,7 @@ class Truth:
     def __init__(self, seed=0, lag=0.3, drag=0.0, noise=(0.0, 0.0), wind=0.0):
         self.rng = np.random.default_rng(seed)
         self.lag, self.drag, self.noise, self.wind = lag, drag, noise, wind
-        self.x = self.v = self.a = self.t = 0.0
+        self.x = self.v = self.a = self.t = self.boot = 0.0
         self.error = np.zeros(2)
         self.check = VehicleCheck()
 
@@ -37,7 +39,7 @@ class Truth:
         x, v = report(
             self.x + self.error[0] + grain[0], self.v + self.error[1] + grain[1], self.rng
         )
-        self.check.see(self.t, np.array([x, 0.0, 5.0]), np.array([v, 0.0, 0.0]))
+        self.check.see(self.t, self.t + self.boot, np.array([x, 0.0, 5.0]), np.array([v, 0.0, 0.0]))
         self.check.ask(self.t, (wanted,), (v,))
         return self.check.impossible()
 
@@ -119,11 +121,18 @@ def test_who_does_not_do_what_is_asked_is_found(report, side):
     assert "asked to accelerate" in why
 
 
-def test_after_a_restart_nothing_is_compared():
+@pytest.mark.parametrize("boot", [-0.5, 5.0, 100.0])
+def test_another_clock_is_no_way_to_another_place(boot):
     truth = Truth()
     for _ in range(50):
         truth.step(0.0)
-    truth.t, truth.x = 0.0, 50.0
+    truth.boot += boot
+    assert truth.step(0.0) == ""
+    truth.boot += boot
+    assert "from where" in truth.step(0.0, lambda x, v, _: (x + 60.0, v))
+    for _ in range(200):  # and staying there does not make it right
+        assert "from where" in truth.step(0.0, lambda x, v, _: (x + 60.0, v))
+    truth.check.forget()
     assert truth.step(0.0) == ""
 
 
@@ -165,13 +174,12 @@ def test_a_load_that_is_none_is_not_believed(offset, word):
 
 
 def tampered(f, kind, system, change):
-    """From now on what the bridge hears of somebody is another thing."""
+    """From now on what the bridge hears of somebody is another thing; or nothing, for a False."""
     take = f.telemetry.take
 
     def lie(message, now):
-        if message.get_type() == kind and message.get_srcSystem() == system:
-            change(message)
-        return take(message, now)
+        whose = message.get_type() == kind and message.get_srcSystem() == system
+        return not (whose and change(message) is False) and take(message, now)
 
     f.telemetry.take = lie
 
@@ -217,6 +225,56 @@ def test_an_impossible_vehicle_is_landed_inside_and_said(tmp_path, like, change,
         assert not f.broken
 
 
+def elsewhere(message):
+    jumped(message)
+    message.time_boot_ms += 100_000
+
+
+def in_turn():
+    """Another vehicle of the same number, behind the same address."""
+    turns = itertools.cycle((lambda message: None, elsewhere))
+    return lambda message: next(turns)(message)
+
+
+def lands_inside(f):
+    f.until(lambda: f.flight.phase is Phase.LANDING, 10.0)
+    assert f.heard("m from where its velocity leads")
+    while f.flight.phase is not Phase.DOWN:
+        assert f.limits.box[0] < f.body()[0][0] < f.limits.box[1]
+        f.wait(0.1)
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+@pytest.mark.parametrize("change", [lambda: elsewhere, in_turn])
+def test_another_clock_does_not_make_another_place_possible(tmp_path, like, change):
+    with Flying(tmp_path, like) as f:
+        f.in_episode(step=6)
+        tampered(f, "LOCAL_POSITION_NED", 1, change())
+        lands_inside(f)
+        assert sum("restarted" in text for _, _, text in f.said) <= 2
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_a_jump_is_found_as_it_rises(tmp_path, like):
+    with Flying(tmp_path, like) as f:
+        f.until(lambda: f.flight.phase is Phase.TAKEOFF and f.body()[0][2] > 1.5)
+        tampered(f, "LOCAL_POSITION_NED", 1, jumped)
+        lands_inside(f)
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+def test_a_jump_is_found_that_came_while_somebody_else_commanded(tmp_path, like):
+    with Flying(tmp_path, like) as f:
+        f.in_episode()
+        f.link.ask_mode(f.profile, {"px4": (4 << 16) | (3 << 24), "ardupilot": 17}[like])
+        f.until(lambda: f.flight.ruling.authority is Authority.OTHER)
+        tampered(f, "LOCAL_POSITION_NED", 1, jumped)
+        f.wait(2.0)
+        assert f.flight.ruling.authority is Authority.OTHER
+        f.link.ask_mode(f.profile, f.profile.controlled)
+        lands_inside(f)
+
+
 def aside(metres):
     def change(message):
         message.lon += round(metres / 0.0075)  # about, at this latitude
@@ -253,6 +311,58 @@ def test_an_impossible_load_is_not_flown(tmp_path, change):
             f.wait(0.1)
             assert f.inside()
             assert f.flight.phase is not Phase.EPISODE
+
+
+def lower(message):
+    message.alt -= 600
+    message.relative_alt -= 600
+
+
+def late():
+    before = []
+
+    def change(message):
+        before.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
+        while len(before) > 1 and before[1][0] <= message.time_boot_ms - 300:
+            before.pop(0)
+        _, message.lat, message.lon, height = before[0]
+        message.alt += height - message.relative_alt
+        message.relative_alt = height
+
+    return change
+
+
+@pytest.mark.parametrize("like", ["px4", "ardupilot"])
+@pytest.mark.parametrize(("change", "always"), [
+    (lambda: lower, True), (late, True), (lambda: aside(37.0), False)
+])  # fmt: skip
+def test_a_fall_is_seen_by_what_falls(tmp_path, like, change, always):
+    """Of a gripper that says yes and stays shut nothing falls, wherever the feed has the load."""
+    with Flying(tmp_path, like) as f:
+        f.in_air()
+        f.change("SIM_GRIP_FAIL", 2)
+        harm = change()
+        tampered(
+            f, "GLOBAL_POSITION_INT", 2,
+            lambda m: harm(m) if always or f.flight.phase is Phase.RELEASE else None,
+        )  # fmt: skip
+        f.until(lambda: f.flight.phase in (Phase.RELOAD, Phase.DOWN) or f.flight.abandoned > 0)
+        assert not f.ends
+        assert Seen.FALL not in f.flight.status()["releases"]
+
+
+def test_an_output_that_is_first_heard_afterwards_has_not_moved(tmp_path):
+    released = []
+    with Flying(tmp_path, "px4", autopilot={"SIM_LOAD_RATE": 0.0}, load_source="estimate",
+                test_release=False) as f:  # fmt: skip
+        tampered(f, "SERVO_OUTPUT_RAW", 1, lambda message: None if released else False)
+        f.in_air()
+        f.change("SIM_GRIP_FAIL", 2)
+        f.until(lambda: f.flight.phase is Phase.RELEASE)
+        released.append(True)
+        f.until(lambda: f.flight.abandoned > 0)
+        assert f.heard("not seen to move")
+        assert not f.ends
 
 
 @pytest.mark.parametrize(("gap", "doubted"), [(0.02, True), (0.25, False)])

@@ -62,6 +62,15 @@ def test_forms_of_other_tools_are_understood(url, means):
         ("http://127.0.0.1:80", "udpin:127.0.0.1:14540 (listen)"),
         ("serial:ttyACM0:57600", "serial:/dev/ttyACM0:57600"),
         ("", "udpin:127.0.0.1:14540 (listen)"),
+        ("udpin:0:14540", "udpin:127.0.0.1:14540 for"),
+        ("udpin:0x0:14540", "udpin:127.0.0.1:14540 for"),
+        ("udpin:000.000.000.000:14540", "udpin:127.0.0.1:14540 for"),
+        ("tcp:127.0.0.1:²", "udpin:127.0.0.1:14540 (listen)"),
+        ("serial:/dev/ttyACM0:²", "serial:/dev/ttyACM0:57600"),
+        ("tcp:127.0.0.1:" + "9" * 5000, "udpin:127.0.0.1:14540 (listen)"),
+        ("tcp:a b:5760", "udpin:127.0.0.1:14540 (listen)"),
+        ("udpout:\0:5760", "udpin:127.0.0.1:14540 (listen)"),
+        ("udp://:14540@127.0.0.1:abc", "udpin:127.0.0.1:14540 (listen)"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_the_right_one(url, right):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from iolspi_ros.cli.progress import console
 from iolspi_ros.errors import InputError
@@ -33,8 +34,17 @@ def look(plan: FlightPlan) -> None:
         preflight.look()
 
 
-def restore(url: str | None) -> int:
-    """Show what is remembered, and give it back to who answers; the exit status."""
+def restore(url: str | None, bridge: Mapping[str, Any] = MappingProxyType({})) -> int:
+    """Show what is remembered, and give it back to who answers; the exit status.
+
+    Parameters
+    ----------
+    url : str, optional
+        Where they are now; otherwise where they were met.
+    bridge : mapping
+        Of the link there: `system`, `signing_key` and the like.
+    """
+    from iolspi_ros.settings import from_mapping
     from msg_bridge.mavlink.memory import Memory
     from msg_bridge.mavlink.settings import LinkSettings
     from msg_bridge.mavlink.urls import parse
@@ -51,11 +61,16 @@ def restore(url: str | None) -> int:
             "delete it when its vehicle has these values, or was an embedded one."
         )
         _show(kept)
-    places = [(parse(url), 1)] if url else [
-        (parse(kept.url), vehicle.system) for vehicle, kept in memory.all() if kept.url
-    ]  # fmt: skip
-    for place, system in dict.fromkeys(places):
-        _give_back(LinkSettings(url=str(place), system=system))
+    for damaged in memory.damaged():
+        console.print(
+            f"Cannot be read: {damaged}. Look at its vehicle's parameters by hand, and delete it."
+        )
+    places = [(url or kept.url, vehicle.system) for vehicle, kept in memory.all()]
+    if url and not places:
+        places = [(url, LinkSettings().system)]
+    for place, system in dict.fromkeys((place, system) for place, system in places if place):
+        values = {"url": str(parse(place)), "system": system, **bridge}
+        _give_back(from_mapping(LinkSettings, values, "--bridge"))
     left = [kept for _, kept in memory.all()] + memory.old()
     if not left:
         console.print("Nothing is left changed, as far as is remembered.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -204,10 +204,21 @@ def make_plan(
         task, str(address), like if embedded else autopilot, embedded, speed_up, bag, checkpoint,
         practice if bag else 0, practise_on, episodes, shown, seed,
         f"demonstration set {demonstration}" if bag else f"what {checkpoint} holds",
-        {"load_source": load} | dict(_assignment(text) for text in bridge),
+        {"load_source": load} | assignments(bridge),
     )  # fmt: skip
     plan.check()
     return plan
+
+
+def assignments(texts: Iterable[str]) -> dict[str, Any]:
+    """What NAME=VALUE says, of each.
+
+    Raises
+    ------
+    InputError
+        When one is none.
+    """
+    return dict(_assignment(text) for text in texts)
 
 
 def _assignment(text: str) -> tuple[str, Any]:

@@ -13,6 +13,7 @@ from iolspi_ros.cli.flight_plan import (
     MODELS,
     TASKS,
     FlightPlan,
+    assignments,
     describe,
     make_plan,
     practise,
@@ -88,7 +89,7 @@ def fly(
     from iolspi_ros.cli import flight_parameters
 
     if restore:
-        raise typer.Exit(flight_parameters.restore(url))
+        raise typer.Exit(flight_parameters.restore(url, assignments(bridge or [])))
     wanted = make_plan(
         task, autopilot, url, like, speed_up, load, demonstration, checkpoint, practice,
         practise_on, episodes, shown, seed, bridge or [],

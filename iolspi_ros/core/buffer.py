@@ -8,9 +8,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from iolspi_ros.core.outliers import FEW, rare
 from iolspi_ros.core.samples import Transitions
 
 Array = NDArray[np.float64]
+
+
+_RARE = 4 * FEW
+"""Places for rewards far beyond all others, however many crowd with them."""
 
 
 class Partition(Protocol):
@@ -158,7 +163,20 @@ class Buffer:
         )
 
     def _staying(self) -> NDArray[np.bool_]:
-        """Which samples fit, shape (n_samples,)."""
+        """Which samples fit, shape (n_samples,).
+
+        Rewards far beyond all others stay, up to a number that is believed.
+        """
+        staying, own = self._fitting(), rare(self.transitions.reward)
+        own[np.flatnonzero(own)[:-_RARE]] = False
+        staying |= own
+        spare = int(staying.sum()) - self.bound
+        if spare > 0:
+            staying[np.flatnonzero(staying & ~own)[:spare]] = False
+        return staying
+
+    def _fitting(self) -> NDArray[np.bool_]:
+        """Which samples fit, as many of each part as of another."""
         n = len(self)
         cell = self._cell()
         rank = _rank(cell)

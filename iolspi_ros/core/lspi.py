@@ -221,7 +221,7 @@ def policy_iteration(
     """
     seen: dict[bytes, int] = {}
     solves: list[Solve] = []
-    last = b""
+    last: bytes | None = None
     changes: list[float] = []
     stop, period = "cap", 0
     for iteration in range(1, max_iterations + 1):

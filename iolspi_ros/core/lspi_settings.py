@@ -55,8 +55,12 @@ class LSPISettings(Settings):
         low_open=True,
         high=1e6,
     )
-    low: tuple[float, ...] = setting((), "lower limits of the grid of centres; else the task's")
-    high: tuple[float, ...] = setting((), "upper limits of the grid of centres; else the task's")
+    low: tuple[float, ...] = setting(
+        (), "lower limits of the grid of centres; else the task's", endless=True
+    )
+    high: tuple[float, ...] = setting(
+        (), "upper limits of the grid of centres; else the task's", endless=True
+    )
     centers: tuple[int, ...] = setting(
         (), "centres per dimension (T IV-A); else by their number", low=1
     )
@@ -101,10 +105,10 @@ class LSPISettings(Settings):
 
     shield: bool = setting(False, "veto actions that are predicted to lead out of the envelope")
     envelope_low: tuple[float, ...] = setting(
-        (-np.inf,), "shield: lower limits of the state, one for all or each"
+        (-np.inf,), "shield: lower limits of the state, one for all or each", endless=True
     )
     envelope_high: tuple[float, ...] = setting(
-        (np.inf,), "shield: upper limits of the state, one for all or each"
+        (np.inf,), "shield: upper limits of the state, one for all or each", endless=True
     )
     envelope_round: tuple[bool, ...] = setting(
         (), "shield: variables whose limits are those of one ellipse together, not of a box"
@@ -114,7 +118,8 @@ class LSPISettings(Settings):
         super().__post_init__()
         if not all(low < high for low, high in zip(self.low, self.high, strict=False)):
             raise InputError(f"low is {self.low}, high {self.high}; allowed: low < high in each")
-        if self.low and self.high and self.centers and self.basis != AUTO:
+        known = self.low and self.high and np.isfinite([*self.low, *self.high]).all()
+        if known and self.centers and self.basis != AUTO:
             self.features()  # the grid checks itself
         if self.basis == AUTO and self.algorithm != "refreshed":
             raise InputError(

@@ -176,7 +176,7 @@ class OnlineLSPI:
         return len(self.batch) >= self.settings.update_interval
 
     def observe(self, transition: Transition) -> bool:
-        """Keep one transition; one with a number that is not finite is dropped and counted.
+        """Keep one transition; one that is not this task's, or not finite, is dropped and counted.
 
         Returns
         -------
@@ -185,7 +185,9 @@ class OnlineLSPI:
         """
         t = transition
         numbers = (t.reward, *t.state.tolist(), *t.next_state.tolist())
-        if all(map(math.isfinite, numbers)) and 0 <= t.action < self.task.n_actions:
+        n = self.task.n_dims
+        fits = len(t.state) == len(t.next_state) == n and 0 <= t.action < self.task.n_actions
+        if fits and all(map(math.isfinite, numbers)):
             self.batch.append(transition)
             self.step += 1
         else:
@@ -333,7 +335,7 @@ class OnlineLSPI:
         def compute() -> Computed:
             seen = kept.transitions + batch
             believed, basis, cells = ~doubts(seen, *limits).rows, features, kept.cells
-            if isinstance(features, Kernels):
+            if isinstance(features, Kernels) and believed.any():
                 basis, cells = features.around(seen.state[believed], s.kernels, s.metric)
             buffer = replace(kept, cells=cells).add(batch, step, demonstrated, at_once=pretraining)
             new = batch[believed[len(kept) :]]

@@ -1,8 +1,9 @@
 """Samples that cannot be true, told from the others: they are kept aside, not learned from.
 
 One reward of -1e9, or one state in degrees, would spoil every weight. A number is not believed
-while it is far beyond all the others and hardly ever seen; what is real comes again, and is
-believed from then on. Nothing is forgotten, so a learner that has such a sample heals at once.
+while it is far beyond all the others and hardly ever seen; what is real comes again, at the same
+place, and is believed from then on. Nothing is forgotten, so a learner that has such a sample heals
+at once.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from iolspi_ros.core.samples import Transitions
 from iolspi_ros.task import TaskDescription
@@ -23,6 +25,11 @@ FAR_STATE = 10.0
 """The same for the distance of a variable from its median."""
 FEW = 6
 """What is seen more often is believed; a state stands in two samples."""
+RARE = 0.1
+"""Of all samples. Rewards far beyond the others that are more than few, and less than this share,
+are believed where they are found together: one falsified now and then stands among true ones."""
+TOGETHER = 1.0 / 3.0
+"""Share of them whose nearest sample with the same action is one of them, too."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ def doubts(
     """
     t = transitions
     size, reasons = np.abs(t.reward), list[str]()
-    rows = far(size, FAR_PRIZE) | (far(size, FAR_REWARD) & ~t.terminated)
+    rows = far(size, FAR_PRIZE) | (_alone(t, rare(t.reward)) & ~t.terminated)
     if rows.any():
         reasons.append(f"reward {t.reward[rows][size[rows].argmax()]:.3g}")
     both = np.stack([t.state, t.next_state])
@@ -88,7 +95,32 @@ def generous(task: TaskDescription) -> tuple[Array, Array]:
     return low - span, high + span
 
 
-def far(sizes: Array, factor: float) -> NDArray[np.bool_]:
+def rare(reward: Array) -> NDArray[np.bool_]:
+    """Which rewards are far beyond all others, be they few or only `RARE`."""
+    return far(np.abs(reward), FAR_REWARD, max(FEW, int(RARE * len(reward))))
+
+
+def _alone(t: Transitions, group: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those of a group that are few, or stand among others wherever they are."""
+    found = np.flatnonzero(group)
+    if len(found) <= FEW:
+        return group
+    middle = np.median(t.state, axis=0)
+    spread = np.median(np.abs(t.state - middle), axis=0)
+    places = (t.state - middle) / np.where(spread > 0.0, spread, 1.0)
+    together = 0
+    for action in np.unique(t.action[found]):
+        same = np.flatnonzero(t.action == action)
+        own = same[group[same]]
+        if len(same) > 1:
+            _, near = cKDTree(places[same]).query(places[own], k=2)
+            # The nearest is itself, or one at the very same place.
+            other = np.where(same[near[:, 0]] == own, near[:, 1], near[:, 0])
+            together += int(group[same[other]].sum())
+    return group & (together < TOGETHER * len(found))
+
+
+def far(sizes: Array, factor: float, few: int = FEW) -> NDArray[np.bool_]:
     """Which of some sizes are beyond so many times all the others, and few.
 
     Parameters
@@ -96,8 +128,10 @@ def far(sizes: Array, factor: float) -> NDArray[np.bool_]:
     sizes : ndarray of shape (n,)
         None negative. Where all the others are zero there is nothing to compare with.
     factor : float
+    few : int
+        So many at most.
     """
-    count = min(FEW, len(sizes) - 1)
+    count = min(few, len(sizes) - 1)
     if count < 1:
         return np.zeros(len(sizes), bool)
     top = np.sort(np.partition(sizes, -count - 1)[-count - 1 :])

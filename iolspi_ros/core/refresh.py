@@ -87,14 +87,14 @@ class Refreshed(NamedTuple):
         To be flown; those given when nothing converged.
     solve : Solve
         The last one.
-    iteration : Iteration
-        That with the last δ.
+    iteration : Iteration, optional
+        That with the last δ; none where no sample is believed.
     record : Refresh
     """
 
     weights: Array
     solve: Solve
-    iteration: Iteration
+    iteration: Iteration | None
     record: Refresh
 
 
@@ -146,6 +146,10 @@ def refresh(
     if doubt.rows.any():
         rows, weight = rows[~doubt.rows], weight[~doubt.rows]
         among = None if among is None else among[~doubt.rows]
+    if not len(rows):
+        nothing = Solve(weights, np.inf, 0, np.inf, "singular")
+        record = Refresh(0, STOPS[-1], 0.0, 0, False, len(doubt.rows), doubt.reasons)
+        return Refreshed(weights, nothing, None, record)
     # Whichever is smaller: one unknown for each function and action, or one for each sample.
     kind = DualSystem if 0 < len(rows) < task.n_actions * basis.size else ReducedSystem
     system = kind(rows, basis, task.n_actions, task.gamma, weight, DELTAS[0], among=among)
@@ -187,6 +191,8 @@ def _climb(
     """Iterate with the first δ, and with the next as long as it does not converge."""
     budget = settings.refresh_budget
     deadline = time.monotonic() + budget if budget else np.inf
+    # Weights are as large as rewards: of small ones, what changes little is no less.
+    chi = settings.chi * min(1.0, float(np.abs(reward).max()))
     done = 0
     for rung, share in enumerate(DELTAS):
 
@@ -195,8 +201,8 @@ def _climb(
 
         system.delta = share * system.scale
         found = policy_iteration(
-            system, start, chi=settings.chi, max_iterations=settings.refresh_iterations,
-            proceed=go_on, first=first,
+            system, start, chi=chi, max_iterations=settings.refresh_iterations, proceed=go_on,
+            first=first,
         )  # fmt: skip
         done, solve = done + found.iterations, found.solve
         if solve.healthy and not plausible(system.values(solve.weights), reward, gamma):

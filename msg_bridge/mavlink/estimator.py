@@ -113,9 +113,16 @@ class StateEstimator:
             )
 
     def let_go(self, motion: Motion, rim: float) -> None:
-        """The load is to fall from now on; `rim` is the height of the basket's [m]."""
-        self.fall = Fall(rim)
-        self.fall.see(np.array(motion.place) + self._cable * np.array(motion.cable))
+        """The load is to fall from now on; `rim` is the height of the basket's [m].
+
+        A feed may be late, or tell heights wrong: it fell when it is seen lower, by that feed,
+        than the cable lets it be.
+        """
+        hung = self._cable * motion.cable[2]
+        up = float(self._telemetry.load_offset[2])
+        wrong = up - hung if self.feed and math.isfinite(up) else 0.0
+        self.fall = Fall(rim, _SLACK * self._cable - min(wrong, 0.0))
+        self.fall.see(np.array(motion.place) + self._cable * np.array(motion.cable), motion.height)
 
     def hangs(self) -> bool:
         """Whether the load was last seen on the cable; True when nobody sees it."""
@@ -177,7 +184,7 @@ class StateEstimator:
             return
         # The feed and the vehicle are of the same moment here: the offset was made so.
         place = self._track.place_here(t.position + t.velocity * (t.load_time - t.position_time))
-        self.fall.see(place + offset - (0.0, 0.0, self._ground))
+        self.fall.see(place + offset - (0.0, 0.0, self._ground), float(place[2]) - self._ground)
 
 
 def _vector(values: Array) -> Vector:

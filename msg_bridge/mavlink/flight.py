@@ -37,7 +37,8 @@ from msg_bridge.mavlink.status import AuthorityChange, Outputs, StatusReporter
 from sim_nodes.tasks.slung_load import SlungLoad
 from sim_nodes.tasks.slung_load_3d import SlungLoad3D
 
-_CHECKED = (Phase.TRANSIT, Phase.EPISODE, Phase.RELEASE, Phase.BRAKE, Phase.RELOAD)
+_CHECKED = (Phase.TAKEOFF, Phase.TRANSIT, Phase.EPISODE, Phase.RELEASE, Phase.BRAKE, Phase.RELOAD)
+_NEWS = 10.0  # between two words that it was restarted [s]
 _BEATS = 3.0  # an autopilot with nothing but heartbeats was heard so lately [s]
 _NO_POSITION = 2.0  # without one, and between two times that messages are asked for again [s]
 _JUMPED = 1.0  # so long after a jump of the clock its stamps are not trusted [s]
@@ -109,7 +110,7 @@ class Flight:
         self._violations = 0
         self._chances: list[float] = []
         self._last = self._asked = self._stalled = 0.0
-        self._restarts = link.telemetry.restarts
+        self._restarts, self._restarted = link.telemetry.restarts, -_NEWS
         self._told = (Phase.IDLE, Authority.NOBODY)
         self._commands: dict[Command, Callable[[float], object]] = {
             Command.REQUEST_CONTROL: lambda _: link.ask_mode(profile, profile.controlled),
@@ -287,7 +288,9 @@ class Flight:
         t = self.link.telemetry
         if t.restarts > self._restarts:
             self._restarts = t.restarts
-            self._outputs.say("warning", "the autopilot was restarted")
+            if now - self._restarted > _NEWS:
+                self._restarted = now
+                self._outputs.say("warning", "the autopilot was restarted")
         heard, asked = now - t.heard_time < _BEATS, now - self._asked
         if heard and now - t.position_time > _NO_POSITION and asked > _NO_POSITION:
             self._asked = now
@@ -320,12 +323,18 @@ class Flight:
             self._send(wanted, now)
 
     def _look(self, now: float) -> None:
-        """Let it be checked whether what was heard is possible, in the air and commanded by us."""
+        """Let it be checked whether what was heard is possible, whoever commands it in the air."""
         t = self.link.telemetry
-        if self._machine.phase in _CHECKED and self._ruling.authority is not Authority.OTHER:
-            self._check.see(t.boot, t.position, t.velocity)
+        if self._machine.phase in _CHECKED:
+            self._check.see(now, t.boot, t.position, t.velocity)
         else:
             self._check.forget()
+
+    def _impossible(self) -> str:
+        """Why what was heard cannot be: as it rises, what stands still and does not obey can."""
+        check = self._check
+        rises = self._machine.phase is Phase.TAKEOFF
+        return check.strayed() if rises else check.impossible()
 
     def _judge(self, now: float) -> None:
         """Let it be decided who commands, and say so when that has changed."""
@@ -364,7 +373,7 @@ class Flight:
             round_trip=t.round_trip,
             load_age=self._estimator.load_age(now) if hanging else 0.0,
             load_doubt=self._estimator.load_doubt(now) if hanging else "",
-            impossible=self._check.impossible(),
+            impossible=self._impossible(),
             episode=in_episode,
             action_age=now - answered,
             unanswered=machine.unanswered,

@@ -229,19 +229,24 @@ class Fall:
     ----------
     plane : float
         Height of the rim [m], in the heights' frame of `see`.
+    reach : float
+        How far below the vehicle a load on the cable is seen at most [m].
     """
 
-    def __init__(self, plane: float) -> None:
-        self.plane = plane
+    def __init__(self, plane: float, reach: float) -> None:
+        self.plane, self._reach = plane, reach
+        self.fell = False
+        """Whether it was seen lower than the cable lets it be."""
         self._before: Array | None = None
         self.landing: Array | None = None
         """(along, across) where it crossed the plane from above [m]; None as long as it has not."""
         self.lowest = math.inf
         """Least height seen [m]."""
 
-    def see(self, place: Array) -> None:
-        """Take the load's position: along, across, height [m]."""
+    def see(self, place: Array, height: float) -> None:
+        """Take the load's position: along, across, height; and the vehicle's height [m]."""
         before, self._before = self._before, place
+        self.fell |= bool(place[2] < height - self._reach)
         self.lowest = min(self.lowest, float(place[2]))
         if before is None or self.landing is not None:
             return

@@ -62,10 +62,15 @@ class Memory:
         self._old = cache_folder() if old is None else old
 
     def of(self, vehicle: Identity, url: str = "") -> Remembered:
-        """What is remembered of a vehicle; what was written by its URL counts where that is all."""
-        found = _read(self._path(vehicle))
-        if found is not None:
-            return found
+        """What is remembered of a vehicle; what was written by its URL counts where that is all.
+
+        So does what was written when it did not tell its number, or when it told it and does not
+        now: of a vehicle that was not meant, no parameter has the value that a bridge set.
+        """
+        for path in (self._path(vehicle), self._other_path(vehicle)):
+            found = None if path is None else _read(path)
+            if found is not None:
+                return found
         old = self._old_path(url, vehicle.system)
         return _read_old(old) or Remembered({}, {})
 
@@ -77,22 +82,32 @@ class Memory:
             "vehicle": vehicle._asdict(), "url": url, "since": remembered.since or now,
             "before": remembered.before, "changed": remembered.changed,
         }  # fmt: skip
+        other = self._other_path(vehicle)
         with atomic_file(self._path(vehicle)) as file:
             file.write(json.dumps(content, indent=1).encode() + b"\n")
+        if other is not None:
+            other.unlink(missing_ok=True)
         self._old_path(url, vehicle.system).unlink(missing_ok=True)
 
     def forget(self, vehicle: Identity) -> None:
         """All was given back."""
-        self._path(vehicle).unlink(missing_ok=True)
+        for path in (self._path(vehicle), self._other_path(vehicle)):
+            if path is not None:
+                path.unlink(missing_ok=True)
 
     def all(self) -> list[tuple[Identity, Remembered]]:
         """Every vehicle that is remembered."""
         found = []
         for path in sorted(self.folder.glob("*.json")):
-            remembered, about = _read(path), _content(path).get("vehicle", {})
-            if remembered is not None:
-                found.append((Identity(**about), remembered))
+            remembered, vehicle = _read(path), _vehicle(_content(path).get("vehicle"))
+            if remembered is not None and vehicle is not None:
+                found.append((vehicle, remembered))
         return found
+
+    def damaged(self) -> list[Path]:
+        """Files that tell nothing."""
+        whole = {remembered.place for _, remembered in self.all()}
+        return [path for path in sorted(self.folder.glob("*.json")) if path not in whole]
 
     def old(self) -> list[Remembered]:
         """What older versions left, by URL."""
@@ -101,6 +116,16 @@ class Memory:
 
     def _path(self, vehicle: Identity) -> Path:
         return self.folder / f"{vehicle}.json"
+
+    def _other_path(self, vehicle: Identity) -> Path | None:
+        """Of the same vehicle without its number, or of the only one like it with one."""
+        nameless = vehicle._replace(uid="")
+        if vehicle.uid:
+            return None if self._path(vehicle).exists() else self._path(nameless)
+        if self._path(vehicle).exists():
+            return None
+        found = list(self.folder.glob(f"{nameless}_*.json"))
+        return found[0] if len(found) == 1 else None
 
     def _old_path(self, url: str, system: int) -> Path:
         name = re.sub(r"[^0-9A-Za-z.]+", "_", f"{url}_{system}")
@@ -113,6 +138,16 @@ def _content(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
+
+
+def _vehicle(about: Any) -> Identity | None:
+    """Which vehicle a file is about; None when it does not say."""
+    try:
+        found = Identity(**about)
+    except TypeError:
+        return None
+    kinds = tuple(type(value) for value in found)
+    return found if kinds == (str, int, str) else None
 
 
 def _read(path: Path) -> Remembered | None:

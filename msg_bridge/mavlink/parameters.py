@@ -9,7 +9,7 @@ from typing import NamedTuple
 from iolspi_ros.errors import InputError
 from msg_bridge.mavlink.clock import Clock
 from msg_bridge.mavlink.link import AutopilotLink
-from msg_bridge.mavlink.memory import Identity, Memory, same
+from msg_bridge.mavlink.memory import Identity, Memory, Remembered, same
 from msg_bridge.mavlink.profiles import AutopilotProfile, ParameterChange
 from msg_bridge.mavlink.telemetry import parameter_value
 
@@ -158,10 +158,25 @@ class Loan:
             found.append(Changed(name, change.value, before, change.why))
         remembered.before.update({one.name: one.before for one in found})
         remembered.changed.update({one.name: one.value for one in found})
-        self._memory.keep(self._vehicle, self._url, remembered)
+        self._keep(remembered)
         for one in found:
-            self._client.set(one.name, one.value)
+            try:
+                self._client.set(one.name, one.value)
+            except InputError:
+                # What it took instead is our doing, too, and to be given back.
+                remembered.changed.update(self._client.read([one.name]))
+                self._keep(remembered)
+                raise
             tell(one)
+
+    def _keep(self, remembered: Remembered) -> None:
+        try:
+            self._memory.keep(self._vehicle, self._url, remembered)
+        except OSError as error:
+            raise InputError(
+                f"what the parameters were cannot be written down in {self._memory.folder}: "
+                f"{error.strerror or error}; nothing is changed without that"
+            ) from error
 
     def give_back(self, tell: Callable[[str], None] = lambda text: None) -> list[str]:
         """Set what is remembered, and forget it; what could not be given back.
@@ -188,5 +203,8 @@ class Loan:
             except InputError as error:
                 failed.append(f"{error} (it was {before:g})")
         if not failed:
-            self._memory.forget(self._vehicle)
+            try:
+                self._memory.forget(self._vehicle)
+            except OSError as error:
+                failed.append(f"all is given back, and still written down: {error}; delete that")
         return failed

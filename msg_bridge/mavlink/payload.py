@@ -17,6 +17,7 @@ from msg_bridge.mavlink.settings import FlightSettings
 
 _LONGEST = 2.0  # that a load is watched after it was let go [s]
 _PATIENCE = 5.0  # before a person is told that no load comes [s]
+_LATELY = 1.0  # so long ago an output was where it is [s]
 _FRESH = 0.2  # a load seen so long after the gripper was shut is the new one [s]
 
 
@@ -79,7 +80,8 @@ class Payload:
         self._task, self._estimator = task, estimator
         self._telemetry = link.telemetry
         self._gripper = Gripper(link, profile, settings)
-        self._output, self._width = output, 0
+        self._output = output
+        self._width: int | None = None  # of the output's pulse at the release, if it was heard
         self._since = 0.0
         self._released = Motion()
         self.releases: Counter[Seen] = Counter()
@@ -87,7 +89,7 @@ class Payload:
 
     def release(self, motion: Motion, now: float) -> None:
         """Let it go, now."""
-        self._width = self._pulse
+        self._width = self._pulse if now - self._telemetry.outputs_time < _LATELY else None
         self._gripper.turn(open_it=True, now=now)
         self._since = now
         self._released = motion
@@ -121,15 +123,20 @@ class Payload:
         return Seen.ACKNOWLEDGED if self._output is None else Seen.OUTPUT
 
     @property
-    def _pulse(self) -> int:
-        """Of the output that is watched [µs]; 0 for none."""
+    def _pulse(self) -> int | None:
+        """Of the output that is watched [µs]; None for none, or as long as it was not heard."""
         outputs, n = self._telemetry.outputs, self._output or 0
-        return outputs[n - 1] if 0 < n <= len(outputs) else 0
+        return outputs[n - 1] if 0 < n <= len(outputs) else None
 
     @property
     def _moved(self) -> bool:
         """Whether the output has moved since the release, if there is one to watch."""
-        return self._output is None or abs(self._pulse - self._width) >= MOVED
+        if self._output is None:
+            return True
+        pulse = self._pulse if self._telemetry.outputs_time > self._since else None
+        if self._width is None:
+            self._width = pulse  # first heard since: nobody knows from where
+        return pulse is not None and self._width is not None and abs(pulse - self._width) >= MOVED
 
     @property
     def _gone(self) -> bool:
@@ -149,7 +156,7 @@ class Payload:
             if not (answered and self._moved):
                 return None
             return self._task.dropped(self._released)
-        if fall is None or self._estimator.hangs():
+        if fall is None or not fall.fell:
             return None
         if fall.landing is None and fall.lowest > fall.plane:
             return None

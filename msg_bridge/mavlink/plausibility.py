@@ -60,31 +60,32 @@ class VehicleCheck:
 
     def __init__(self) -> None:
         self._samples: deque[Sample] = deque()
-        self._since = math.nan
+        self._seen = self._since = math.nan
         self._same = 0
-        self._jumped = 0.0
+        self._jumped = self._off = 0.0
         self._asked: deque[tuple[float, Sequence[float], Sequence[float]]] = deque()
 
     def forget(self) -> None:
         """What was before has nothing to do with what comes: a restart, or another hand."""
         self._samples.clear()
         self._asked.clear()
-        self._same, self._since, self._jumped = 0, math.nan, 0.0
+        self._same, self._since, self._jumped, self._off = 0, math.nan, 0.0, 0.0
 
-    def see(self, time: float, position: Array, velocity: Array) -> None:
-        """Take what was measured; time is that of the autopilot [s]."""
+    def see(self, now: float, time: float, position: Array, velocity: Array) -> None:
+        """Take what was measured, at a time of the autopilot, and is known now of ours [s]."""
         stray = np.zeros(3)
         if self._samples:
             last = self._samples[-1]
-            passed = time - last.time
+            passed, ours = time - last.time, now - self._seen
             if passed == 0.0:
                 return
-            if not 0.0 < passed < _GAP:
+            if not 0.0 < passed <= _WINDOW:
+                # Whatever became of its clock, it can have gone no further.
+                gap = max(ours, passed if passed < _GAP else 0.0)
+                jump = float(np.linalg.norm(position - last.position)) - _FASTEST * gap
+                off = self._off
                 self.forget()
-            elif passed > _WINDOW:
-                jump = float(np.linalg.norm(position - last.position)) - _FASTEST * passed
-                self.forget()
-                self._jumped = max(jump, 0.0)
+                self._jumped, self._off = max(jump, 0.0) * (gap < _GAP), off
             else:
                 stray = last.stray + position - last.position
                 stray -= 0.5 * passed * (velocity + last.velocity)
@@ -92,8 +93,10 @@ class VehicleCheck:
                 self._same = self._same + 1 if same else 0
                 self._since = self._since if self._same > 1 else last.time
         self._samples.append(Sample(time, position.copy(), velocity.copy(), stray))
+        self._seen = now
         while time - self._samples[0].time > _WINDOW:
             self._samples.popleft()
+        self._off = self._stray()
 
     def ask(self, now: float, acceleration: Sequence[float], speed: Sequence[float]) -> None:
         """Accelerations were asked for along each axis [m/s²], at speeds along the same [m/s]."""
@@ -109,15 +112,21 @@ class VehicleCheck:
 
     def impossible(self) -> str:
         """Why it cannot be so."""
-        return self._stray() or self._frozen() or self._disobedient()
+        return self.strayed() or self._frozen() or self._disobedient()
 
-    def _stray(self) -> str:
-        """The position goes elsewhere than its velocity."""
-        if not self._samples:
-            return ""
-        end = self._samples[-1]
-        stray = float(np.linalg.norm(end.stray - self._samples[0].stray)) + self._jumped
-        return f"the position is {stray:.1f} m from where its velocity leads" * (stray > _STRAY)
+    def strayed(self) -> str:
+        """Where the position is, if it has gone elsewhere than its velocity since it was looked at.
+
+        What is where it cannot be does not become right by staying there.
+        """
+        words = f"the position is {self._off:.1f} m from where its velocity leads"
+        return words * (self._off > _STRAY)
+
+    def _stray(self) -> float:
+        """How far it has gone from there in the window [m], or ever, if that was impossible."""
+        moved = self._samples[-1].stray - self._samples[0].stray if self._samples else np.zeros(3)
+        now = float(np.linalg.norm(moved)) + self._jumped
+        return max(now, self._off) if self._off > _STRAY else now
 
     def _frozen(self) -> str:
         if self._same < _SAME:

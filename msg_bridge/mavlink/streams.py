@@ -50,8 +50,12 @@ class Tcp:
     datagrams = False
 
     def __init__(self, host: str, port: int) -> None:
-        self._address = (host, port)
         self.source = f"{host}:{port}"
+        try:
+            self._address = socket.getaddrinfo(host, port, socket.AF_INET)[0][4]
+        except (OSError, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"url tcp:{self.source}: {why}") from error
         self.trouble = f"nobody has answered yet at tcp:{self.source}"
         self._socket: socket.socket | None = None
         self._connected = False

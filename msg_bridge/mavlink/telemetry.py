@@ -47,7 +47,7 @@ class Telemetry:
     force_boot : float
         Of its clock, when its accelerometer was last heard of [s].
     outputs : tuple of int
-        Widths of pulse of its outputs from the first on [µs].
+        Widths of pulse of its outputs from the first on [µs], as heard at `outputs_time`.
     jump_time, jump : float, str
         When its clock was last not what it was, and how.
     behind : bool
@@ -86,6 +86,7 @@ class Telemetry:
     uid: str | None = None
     version: str = ""
     outputs: tuple[int, ...] = ()
+    outputs_time: float = NEVER
     strangers: dict[int, int] = field(default_factory=dict)
     on_position: Callable[[Array, float], None] | None = None
     on_load: Callable[[], None] | None = None
@@ -118,6 +119,8 @@ class Telemetry:
         """Take a message; False when it comes from nobody who matters here."""
         system = message.get_srcSystem()
         if system == self.system:
+            if message.get_srcComponent() != self.component:
+                return False  # a camera, a gimbal or a companion on board
             self.heard_time = now
             handle = _OF_VEHICLE.get(message.get_type())
         elif system == self.load_system:
@@ -146,8 +149,6 @@ class Telemetry:
     # ------------------------------------------------------------ of the vehicle
 
     def _heartbeat(self, message: Any, now: float) -> None:
-        if message.get_srcComponent() != self.component:
-            return  # a camera or a companion of the same system
         self.autopilot = message.autopilot
         self.mode = message.custom_mode
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -244,6 +245,7 @@ class Telemetry:
 
     def _servos(self, message: Any, now: float) -> None:
         if message.port == 0:
+            self.outputs_time = now
             self.outputs = tuple(getattr(message, f"servo{k}_raw") for k in range(1, 17))
 
     # ------------------------------------------------------------ of the load

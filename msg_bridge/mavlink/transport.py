@@ -83,9 +83,10 @@ class Udp:
                 self._socket.bind((host, port))
             else:
                 self._socket.connect((host, port))
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             self._socket.close()
-            raise InputError(f"url {host}:{port}: {error.strerror or error}") from error
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"url {host}:{port}: {why}") from error
         self._socket.setblocking(False)
 
     def wait(self, seconds: float) -> None:

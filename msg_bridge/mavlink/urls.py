@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import socket
 from typing import NamedTuple
 
 from iolspi_ros.errors import InputError
@@ -16,8 +18,10 @@ _KINDS = {
     "serial": "serial",
 }  # fmt: skip
 _LISTENING_TCP = ("tcpin", "tcp-l")
-_ANY = ("", "0.0.0.0", "*")
+_ANY = ("", "*")
 _HERE = ("127.0.0.1", "localhost")
+_NUMBER = re.compile("[0-9]{1,9}")
+_HOST = re.compile(r"[^\s/\0]*")
 _BAUD = 57600  # of mavros, where none is given
 
 
@@ -68,9 +72,9 @@ def parse(url: str) -> Address:
 
 def _serial(url: str, rest: str) -> Address:
     device, _, baud = re.sub(r",(\d+)$", r":\1", rest).partition(":")
-    if not device.startswith("/"):
+    if not device.startswith("/") or "\0" in device:
         raise _refused(url)
-    if baud and not baud.isdigit():
+    if baud and not _NUMBER.fullmatch(baud):
         raise _refused(url, f"serial:{device}:{_BAUD}")
     return Address("serial", device, int(baud or _BAUD))
 
@@ -81,23 +85,30 @@ def _with_remote(url: str, rest: str) -> Address:
     if not bound:
         return _checked(url, Address("udpout", *_split(url, remote)))
     place, port = _split(url, bound)
-    if place in _ANY:
-        host = remote.partition(":")[0]
+    host = _split(url, remote)[0] if ":" in remote else remote
+    if _any(place):
         place = "127.0.0.1" if host in _HERE else place
     return _checked(url, Address("udpin", place, port))
 
 
 def _split(url: str, place: str) -> tuple[str, int]:
     host, _, port = place.rpartition(":")
-    if not port.isdigit():
+    if not _NUMBER.fullmatch(port) or not _HOST.fullmatch(host):
         raise _refused(url)
     return host, int(port)
+
+
+def _any(host: str) -> bool:
+    """Whether a host stands for all of this machine's addresses, however that is written."""
+    with contextlib.suppress(OSError):
+        return host in _ANY or not any(socket.inet_aton(host))
+    return False
 
 
 def _checked(url: str, address: Address) -> Address:
     if not 0 < address.number < 65_536:
         raise _refused(url, "a port from 1 to 65535")
-    if address.place in _ANY:
+    if _any(address.place):
         here = address._replace(place="127.0.0.1")
         if address.kind != "udpin":
             raise _refused(url, str(here))

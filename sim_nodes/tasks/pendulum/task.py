@@ -54,7 +54,10 @@ class Pendulum(Settings):
         9.81, "gravitational acceleration after the change [m/s^2]", low=0.0, high=1000.0
     )
     g_change_start: float = setting(
-        math.inf, "vehicle time at which g starts to change [s]; inf for never", low=0.0
+        math.inf,
+        "vehicle time at which g starts to change [s]; inf for never",
+        low=0.0,
+        endless=True,
     )
     g_change_duration: float = setting(
         0.0, "time over which g changes linearly; 0 for a jump [s]", low=0.0
