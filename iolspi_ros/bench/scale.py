@@ -84,7 +84,7 @@ def settings(algorithm: str, grid: tuple[int, ...]) -> LSPISettings:
         low=(-6.0, -4.0, -np.pi / 2, -np.pi), high=(0.0, 4.0, np.pi / 2, np.pi),
         centers=grid, periodic=(False,),
         epsilon=1.0, epsilon_decay=0.995, epsilon_min=0.01, update_interval=1000,
-        buffer_size=4000, refresh_iterations=3,
+        buffer_size=4000,
     )  # fmt: skip
 
 
