@@ -112,7 +112,7 @@ def test_rewards_that_are_false_now_and_then_never_become_true():
 def test_a_true_prize_is_not_forgotten_when_it_is_crowded():
     """Once believed, it is believed: a part of the space keeps few samples, but those of it."""
     core = OnlineLSPI(
-        TASK.description, LSPISettings(basis="auto", kernels=50, buffer_size=2000), RNG
+        TASK.description, LSPISettings(basis="auto", kernels=150, buffer_size=800), RNG
     )
     found = []
     for _ in range(8):
@@ -125,7 +125,7 @@ def test_a_true_prize_is_not_forgotten_when_it_is_crowded():
         kept = core.buffer.transitions
         found.append((int((kept.reward > 0.0).sum()), int(doubts(kept).rows.sum())))
     assert all(number > FEW and doubted == 0 for number, doubted in found), found
-    assert len(core.buffer) <= 2000
+    assert len(core.buffer) <= 800
 
 
 @pytest.mark.parametrize("settings", [{"basis": "auto"}, {"centers": (11, 11)}])
