@@ -298,6 +298,9 @@ def test_restore_reaches_another_system_elsewhere(places, tmp_path):
         kept = Remembered({"COM_OF_LOSS_T": 1.5}, {"COM_OF_LOSS_T": 0.5})
         memory.keep(Identity("px4", 3, "07"), "udpin:127.0.0.1:9", kept)
         (memory.folder / "px4_4.json").write_text("{")
+        memory.keep(Identity("px4", 5), "nowhere", kept)
+        assert "5" in fly(places, "--restore").stdout
+        memory.forget(Identity("px4", 5))
         url = f"udpout:127.0.0.1:{sitl.addresses[0][1]}"
         wrong = fly(places, "--restore", "--url", url, "--bridge", "system=many")
         assert (wrong.returncode, "Traceback" in wrong.stderr) == (2, False)

@@ -66,9 +66,11 @@ def restore(url: str | None, bridge: Mapping[str, Any] = MappingProxyType({})) -
             f"Cannot be read: {damaged}. Look at its vehicle's parameters by hand, and delete it."
         )
     places = [(url or kept.url, vehicle.system) for vehicle, kept in memory.all()]
-    if url and not places:
-        places = [(url, LinkSettings().system)]
-    for place, system in dict.fromkeys((place, system) for place, system in places if place):
+    if url and (not places or memory.old()):
+        places.append((url, LinkSettings().system))
+    for place, system in dict.fromkeys(places):
+        if not url and not _means_one(place):
+            continue  # what is remembered, but not where
         values = {"url": str(parse(place)), "system": system, **bridge}
         _give_back(from_mapping(LinkSettings, values, "--bridge"))
     left = [kept for _, kept in memory.all()] + memory.old()
@@ -80,6 +82,17 @@ def restore(url: str | None, bridge: Mapping[str, Any] = MappingProxyType({})) -
         "is elsewhere now."
     )
     return 1
+
+
+def _means_one(url: str) -> bool:
+    """Whether a URL that was written down is one."""
+    from msg_bridge.mavlink.urls import parse
+
+    try:
+        parse(url)
+    except InputError:
+        return False
+    return True
 
 
 def _show(kept: Remembered) -> None:
